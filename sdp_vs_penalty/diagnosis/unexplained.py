@@ -109,7 +109,7 @@ def remainder(
     rise = (1.0 + MIN_ERROR_RISE) ** 2  # of squares, that matters
     raised = np.flatnonzero((squares > rise * floor**2) & data.noise_is_known)
     if raised.size:  # the torque of encoder steps counts as noise, too
-        floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
+        floor = np.sqrt(floor**2 + mean(rows.encoder_error**2, slides))
         raised = raised[squares[raised] > rise * floor[raised] ** 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         variance *= (noise.floor / floor) ** 2

@@ -45,7 +45,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import sample_rate
-from sdp_vs_penalty.signals.spectrum import highest_harmonic, unbent_cutoff
+from sdp_vs_penalty.signals.spectrum import highest_harmonic, least_error_cutoff
 
 
 class _Terms(Effect):
@@ -373,7 +373,7 @@ def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
         torque = settings.torque_cutoff or 1.6 * lowest
         runs = list(data.runs())
         highest = min(sample_rate(run) for run in runs) / 10.0
-        state = unbent_cutoff(runs, min(lowest, highest), torque, highest)
+        state = least_error_cutoff(runs, min(lowest, highest), torque, highest)
         settings = replace(settings, state_cutoff=state, torque_cutoff=torque)
     return settings.resolve(data)
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
-from sdp_vs_penalty.signals.constants import ABOVE, SAME_PHASE
+from sdp_vs_penalty.signals.constants import MOTION_OVER_NOISE, SAME_PHASE
 
 #: Order of the autoregression: it predicts a row from so many rows before.
 ORDER = 4
@@ -32,7 +32,7 @@ LENGTHS = (1, 4, 16)
 RARE = 0.15
 #: Like FALSE_EVENT, for a residual that holds a model's error: only the other windows
 #: show how far its tail reaches.
-FALSE_LONE = 1e-2
+FALSE_LONE_WINDOW = 1e-2
 
 
 class Pieces(tuple[Indices, ...]):
@@ -50,14 +50,14 @@ class Pieces(tuple[Indices, ...]):
 
     @cached_property
     def past(self) -> list[Indices]:
-        """For each lag 1, 2 ... ORDER, the numbers (P,) of the rows that lie so many
-        rows before those of ``predicted``."""
+        """For each lag k = 1 ... ORDER, the number i - k of the row that lies k rows
+        before each row i of ``predicted``, (P,)."""
         none = np.arange(0)
-        rows_of_lags = []
+        rows_by_lag = []
         for lag in range(1, ORDER + 1):
-            of_pieces = (piece[ORDER - lag : -lag] for piece in self)
-            rows_of_lags.append(np.concatenate([none, *of_pieces]))
-        return rows_of_lags
+            earlier_rows = (piece[ORDER - lag : -lag] for piece in self)
+            rows_by_lag.append(np.concatenate([none, *earlier_rows]))
+        return rows_by_lag
 
     #: The last filter, with its coefficients and number of rows.
     _last: tuple[tuple[bytes, int], scipy.sparse.csr_array] | None = None
@@ -123,10 +123,10 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
 
 
 def local_excess(
-    white: Array, pieces: Sequence[Indices], tests: int, degrees: float
+    white: Array, pieces: Sequence[Indices], n_series: int, degrees: float
 ) -> Mask:
     """Find windows of a whitened series with more energy than noise has by chance, as
-    flags (M,) of their rows; each piece holds the numbers of uninterrupted rows.
+    flags (M,) of their rows.
 
     The energy (sum of squares) of a window of m rows over the estimated unit variance
     is m F, F distributed with m and ``degrees`` degrees of freedom. The limit is
@@ -138,30 +138,32 @@ def local_excess(
     ----------
     white : (M,) array
         A whitened series, of unit variance.
-    tests : int
+    pieces : sequence of arrays of int
+        Numbers of the rows of each piece without an interruption.
+    n_series : int
         Number of series that are searched in all.
     degrees : float
         Degrees of freedom behind the estimate of the unit variance.
     """
-    mask = np.zeros(len(white), bool)
+    has_excess = np.zeros(len(white), bool)
     n_rows = sum(len(p) for p in pieces)
-    n_windows = max(n_rows, 1) * len(LENGTHS) * tests
-    # The upper quantile of F: d / (d + length F) is distributed as beta.
+    n_windows = max(n_rows, 1) * len(LENGTHS) * n_series
+    # The upper quantile of F: w = d / (d + length F) is distributed as beta.
     lengths = np.array(LENGTHS)
     w = scipy.special.betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / n_windows)
     limits = (degrees * (1.0 - w) / w).tolist()
     for piece in pieces:
-        energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
+        cumulated = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
         for length, limit in zip(LENGTHS, limits, strict=True):
             if length > len(piece):
                 continue
-            windows = energy[length:] - energy[:-length]
+            energies = cumulated[length:] - cumulated[:-length]
             # The logarithm of a single row's energy is not nearly normal.
-            if length > 1 and windows.any():
-                limit = max(limit, _usual_limit(windows))
-            for first in np.flatnonzero(windows > limit):
-                mask[piece[first : first + length]] = True
-    return mask
+            if length > 1 and energies.any():
+                limit = max(limit, _usual_limit(energies))
+            for first in np.flatnonzero(energies > limit):
+                has_excess[piece[first : first + length]] = True
+    return has_excess
 
 
 def _usual_limit(energies: Array) -> float:
@@ -176,7 +178,7 @@ def _usual_limit(energies: Array) -> float:
 
 
 def lone_windows(
-    white: Array, pieces: Sequence[Indices], slow: Mask, rate: float, tests: int
+    white: Array, pieces: Sequence[Indices], slow: Mask, rate: float, n_series: int
 ) -> Mask:
     """Flag the rows (M,) of those windows of a whitened series (M,) whose energy is far
     above that of all other windows.
@@ -190,28 +192,28 @@ def lone_windows(
     Parameters
     ----------
     pieces : sequence of arrays of int
-        Numbers of the rows of each stretch without an interruption.
+        Numbers of the rows of each piece without an interruption.
     slow : (M,) array of bool
         Rows in which the joint is slow.
     rate : float
         Rows per second of the series [Hz].
-    tests : int
+    n_series : int
         Number of series that are searched in all.
     """
-    mask = np.zeros(len(white), bool)
+    is_in_lone_window = np.zeros(len(white), bool)
     stretches = cut_into_stretches(pieces, max(2, round(2.0 * SAME_PHASE * rate)))
-    n_tests = 2 * len(LENGTHS) * tests  # two kinds: slow windows and the others
+    n_searches = 2 * len(LENGTHS) * n_series  # two kinds: slow windows and the others
     for length in LENGTHS:
-        energy, is_slow = _window_energy(white, pieces, slow, length)
+        log_energy, is_slow = _window_energy(white, pieces, slow, length)
         for is_of_kind in (is_slow, ~is_slow):
-            energy_of_kind = np.where(is_of_kind, energy, -np.inf)
-            largest = np.array([energy_of_kind[rows].max() for rows in stretches])
+            of_kind = np.where(is_of_kind, log_energy, -np.inf)
+            largest = np.array([of_kind[rows].max() for rows in stretches])
             descending = np.sort(largest[np.isfinite(largest)])[::-1]
-            is_lone = energy_of_kind > _tail_limit(descending, n_tests)
+            is_lone = of_kind > _tail_limit(descending, n_searches)
             for row in np.flatnonzero(is_lone):
                 first = row - length // 2  # the window is centred on its row
-                mask[max(first, 0) : first + length] = True
-    return mask
+                is_in_lone_window[max(first, 0) : first + length] = True
+    return is_in_lone_window
 
 
 def cut_into_stretches(pieces: Sequence[Indices], size: int) -> list[Indices]:
@@ -231,53 +233,55 @@ def _window_energy(
 
     Returns
     -------
-    energy : (M,) array
+    log_energy : (M,) array
         Natural logarithm of the sums; minus infinity in pieces shorter than a window.
     is_slow : (M,) array of bool
-        Whether the joint is slow (``slow``, (M,)) in most of the window.
+        Whether the joint is slow (``slow``, (M,)) at some row of the window.
     """
     moving_sum = partial(np.convolve, np.ones(length), mode="same")
-    energy = np.full(len(white), -np.inf)
+    log_energy = np.full(len(white), -np.inf)
     is_slow = np.zeros(len(white), bool)
     for piece in pieces:
         if len(piece) < length:
             continue
         with np.errstate(divide="ignore"):  # no energy: minus infinity
-            energy[piece] = np.log(moving_sum(white[piece] ** 2))
+            log_energy[piece] = np.log(moving_sum(white[piece] ** 2))
         is_slow[piece] = moving_sum(slow[piece]) > 0.5
-    return energy, is_slow
+    return log_energy, is_slow
 
 
-def _tail_limit(values: Array, tests: int) -> float:
-    """Return the limit above which a few of the descending ``values`` stand out of the
+def _tail_limit(descending: Array, n_searches: int) -> float:
+    """Return the limit above which the first of some descending values stand out of the
     tail of the others; infinity where none does.
 
-    The values are logarithms of energies, whose tail decays exponentially, as heavy
-    tails do. The k values above a threshold have a mean excess h over it (Hill 1975); a
-    new value exceeds the threshold by x with probability (1 + x / (k h))^-k, which is
-    FALSE_LONE / (k tests) at the limit. The largest number of outliers that is possible
-    (RARE of all) is tried first, then fewer.
+    The values (N,) are logarithms of energies, whose tail decays exponentially, as heavy
+    tails do. The k = N / 2 values above a threshold exceed it by h in the mean (Hill
+    1975); a new value exceeds it by x with probability (1 + x / (k h))^-k. The limit is
+    the x at which that is FALSE_LONE_WINDOW / (k n_searches). The largest number of
+    outliers that is possible (the share RARE of all) is tried first, then fewer: outliers
+    do not count among the k values.
     """
-    k = len(values) // 2
+    k = len(descending) // 2
     if not k:
         return np.inf
-    far = k * ((k * tests / FALSE_LONE) ** (1.0 / k) - 1.0)  # x / h
-    n_most = min(int(RARE * len(values)), len(values) - k - 1)
-    for n_out in range(n_most, 0, -1):
-        threshold = float(values[n_out + k])
-        mean = float(np.mean(values[n_out : n_out + k]))
-        limit = threshold + far * (mean - threshold)
-        if values[n_out - 1] > limit:
+    x_over_h = k * ((k * n_searches / FALSE_LONE_WINDOW) ** (1.0 / k) - 1.0)
+    n_most = min(int(RARE * len(descending)), len(descending) - k - 1)
+    for n_outliers in range(n_most, 0, -1):
+        threshold = float(descending[n_outliers + k])
+        h = float(np.mean(descending[n_outliers : n_outliers + k])) - threshold
+        limit = threshold + x_over_h * h
+        if descending[n_outliers - 1] > limit:
             return limit
     return np.inf
 
 
-def noise_profile(white: Array, rates: Array, at: Array) -> Array:
+def noise_profile(white: Array, rates: Array, rates_shown: Array) -> Array:
     """Estimate how the motion modulates the standard deviation of white noise.
 
     The variance is modelled as a + sum_i b_i rate_i, with a, b_i >= 0, because a clock
-    that jitters turns rates of change into noise. Squares of the noise are clipped, so
-    that an event does not shape it. The variance stays between 1 / ABOVE and ABOVE.
+    that jitters turns rates of change into noise. Squares of the noise are clipped at
+    three standard deviations, so that an event does not shape it. The relative variance
+    stays between 1 / MOTION_OVER_NOISE and MOTION_OVER_NOISE.
 
     Parameters
     ----------
@@ -285,27 +289,28 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
         Whitened noise; zero where it is unknown.
     rates : (M, r) array
         Squared rates on these rows.
-    at : (K, r) array
+    rates_shown : (K, r) array
         Squared rates on the rows for which the profile is returned.
 
     Returns
     -------
     (K,) array
-        Standard deviation relative to that of ``white`` [-]; 1 for too few rows.
+        Standard deviation relative to that of ``white`` [-]; 1 where there are fewer
+        than 20 rows a coefficient.
     """
-    used = white != 0.0
-    if used.sum() < 20 * (rates.shape[1] + 1):
-        return np.ones(len(at))
-    mean_rates = np.maximum(np.mean(rates[used], axis=0), 1e-24)
-    squares = white[used] ** 2
-    squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
-    columns = np.column_stack([np.ones(len(squares)), rates[used] / mean_rates])
-    coefficients = scipy.optimize.nnls(columns, squares)[0]  # a, then b_i
-    level = float(coefficients.sum())  # the variance at the mean rates
+    known = white != 0.0
+    if known.sum() < 20 * (rates.shape[1] + 1):
+        return np.ones(len(rates_shown))
+    mean_rates = np.maximum(np.mean(rates[known], axis=0), 1e-24)
+    squares = white[known] ** 2
+    squares = np.minimum(squares, (3.0 * robust_scale(white[known])) ** 2)
+    columns = np.column_stack([np.ones(len(squares)), rates[known] / mean_rates])
+    a, *b = scipy.optimize.nnls(columns, squares)[0].tolist()
+    level = float(np.sum([a, *b]))  # the variance at the mean rates
     if level <= 0.0:
-        return np.ones(len(at))
-    variance = (coefficients[0] + (at / mean_rates) @ coefficients[1:]) / level
-    return np.sqrt(np.clip(variance, 1.0 / ABOVE, ABOVE))
+        return np.ones(len(rates_shown))
+    variance = (a + (rates_shown / mean_rates) @ np.array(b)) / level
+    return np.sqrt(np.clip(variance, 1.0 / MOTION_OVER_NOISE, MOTION_OVER_NOISE))
 
 
 def robust_scale(white: Array) -> float:

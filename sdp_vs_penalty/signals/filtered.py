@@ -79,7 +79,7 @@ class _ChunkCache:
     read: Callable[[], FilteredChunk]
     #: File of a long run that holds the chunk and the columns of smooth effects, which
     #: take the longest; None if all is in memory.
-    shelf: DiskCache | None
+    disk_cache: DiskCache | None
     #: Effects, the model's widths of a turning sign with which their columns were made,
     #: and how to read the columns.
     columns: list[tuple[Effect, tuple[float, ...], Read]] = field(default_factory=list)
@@ -88,41 +88,49 @@ class _ChunkCache:
         """Return the rows of the chunk with the columns of a model, cached ones where
         there are any."""
         chunk = self.read()
-        reads = self._reads(model)
-        blocks = {place: read() for place, read in reads.items()}
+        readers = self._column_readers(model)
+        blocks = {place: read() for place, read in readers.items()}
         blocks |= _new_columns(chunk, model, blocks)
-        self._keep(model, reads, blocks)
+        self._cache_columns(model, readers, blocks)
         columns = model.joined(blocks, len(chunk.torque))
         return Rows(chunk.rows, chunk.torque, columns)
 
-    def _reads(self, model: Model) -> dict[int, Read]:
-        """Return the readers of cached columns, by the effect's place in the model.
+    def _column_readers(self, model: Model) -> dict[int, Read]:
+        """Return the readers of cached columns that a model can use, by the effect's
+        place in the model.
 
         Columns of an effect that turns with the sign of a velocity can be used again
         only where the sign turns over the same width.
         """
         width = model.sign_width
-        reads = {}
+        readers = {}
         for place, effect in enumerate(model.effects):
             for cached_effect, cached_width, read in self.columns:
                 has_same_width = effect.signless or cached_width == width
                 if cached_effect.same_columns(effect) and has_same_width:
-                    reads[place] = read
-        return reads
+                    readers[place] = read
+        return readers
 
-    def _keep(
-        self, model: Model, reads: Mapping[int, Read], known: Mapping[int, list[Block]]
+    def _cache_columns(
+        self,
+        model: Model,
+        readers: Mapping[int, Read],
+        blocks: Mapping[int, list[Block]],
     ) -> None:
-        """Cache the columns of a model's effects, by place, in place of those of the
-        last model.
+        """Cache the columns of a model's effects, ``blocks`` by the effect's place, in
+        place of those of the last model; ``readers`` read those that are cached already.
 
         Left out are columns that depend on a current model's torque and, of a long run,
         those that are quick to make again.
         """
         self.columns = [
-            (effect, model.sign_width, reads.get(k) or _put(self.shelf, known[k]))
+            (
+                effect,
+                model.sign_width,
+                readers.get(k) or _stored(self.disk_cache, blocks[k]),
+            )
             for k, effect in enumerate(model.effects)
-            if not depends(effect) and (effect.smooth or self.shelf is None)
+            if not depends(effect) and (effect.smooth or self.disk_cache is None)
         ]
 
 
@@ -299,17 +307,16 @@ class FilteredRun:
     def _pieces(self, uncut: bool) -> list[_ChunkCache]:
         """Return the cached chunks of the run; the run is filtered on the first call.
 
-        Chunks of a long run are kept in a file, those of a short one in memory.
-
-        uncut : whether each stretch between gaps is one chunk with every sample of the
-        log, which effects with memory need.
+        Chunks of a long run are kept in a file, those of a short one in memory. With
+        ``uncut`` each stretch between gaps is one chunk with every sample of the log,
+        which effects with memory need.
         """
         if uncut not in self._chunk_caches:
             is_long = self.run.q.size > SAMPLES
-            shelf = DiskCache() if is_long else None
+            disk_cache = DiskCache() if is_long else None
             caches = []
             for chunk in self._cut(uncut):
-                caches.append(_ChunkCache(_put(shelf, chunk), shelf))
+                caches.append(_ChunkCache(_stored(disk_cache, chunk), disk_cache))
             self._chunk_caches[uncut] = caches
         return self._chunk_caches[uncut]
 
@@ -351,19 +358,25 @@ class FilteredRun:
             return False
 
 
-def _put(shelf: DiskCache | None, value: Any) -> Callable[[], Any]:
-    """Put a value away, on the shelf or, without one, in memory; return what reads it."""
-    return (lambda: value) if shelf is None else shelf.put(value)
+def _stored(disk_cache: DiskCache | None, value: Any) -> Callable[[], Any]:
+    """Put a value away, on the disk_cache or, without one, in memory; return what reads it."""
+    return (lambda: value) if disk_cache is None else disk_cache.put(value)
 
 
 def _chunk(filters: RunFilter, part: Stretch, at: Indices, keep: Mask) -> FilteredChunk:
     """Filter a stretch of the log around some of its samples.
 
-    - ``at`` (K,): samples of the stretch, which has no gaps.
-    - ``keep`` (K,): which of them become rows.
-
     Both column grids begin half a kernel before the first sample, so that a row that
     lies s samples after it has the place s / stride + half on a grid.
+
+    Parameters
+    ----------
+    part : Stretch
+        A stretch of the log without gaps.
+    at : (K,) array of int
+        Samples of the stretch that may become rows.
+    keep : (K,) array of bool
+        Which of them do.
     """
     motion, smooth_motion = filters.around(part, at)
     since_first = at[keep] - at[0]  # samples of the log

@@ -38,7 +38,7 @@ from sdp_vs_penalty.signals.repetition import (
     is_part,
     motions_of_rows,
     pairs,
-    recurring,
+    recurring_differences,
 )
 from sdp_vs_penalty.signals.segments import SegmentedRuns
 from sdp_vs_penalty.signals.spectrum import position_noise, torque_spectrum
@@ -254,10 +254,11 @@ def _without_rows(pieces: Pieces, marked: Mask) -> Pieces:
 
 
 def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
-    """Measure the noise of ``runs`` where their motion repeats.
+    """Measure the noise of ``runs`` where their motion repeats; None if fewer than
+    _FEWEST rows repeat.
 
-    shown : the runs whose rows the result describes (profile, suspect, repeats): the
-    same ``runs``, or windows of them. Returns None if fewer than _FEWEST rows repeat.
+    The rows that the result describes (profile, suspect, repeats) are those of ``shown``:
+    the same runs, or windows of them.
     """
     repeats = runs.repeats()
     if sum(len(r.rows) for r in repeats) < _FEWEST:
@@ -265,8 +266,8 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     repeated = _RepeatedRows(runs, repeats)
     rates_shown = repeated.rates if shown is runs else rate_features(shown)
     joints = [repeated.joint(j, rates_shown[j]) for j in range(runs.n)]
-    floor, ar, sigma, degrees, events, profiles = zip(*joints, strict=True)
-    suspect = np.column_stack(events)
+    floor, ar, sigma, degrees, suspects, profiles = zip(*joints, strict=True)
+    suspect = np.column_stack(suspects)
     if shown is not runs:
         suspect = _suspect_rows_of_windows(suspect, runs, shown)
         repeats = shown.repeats()
@@ -336,36 +337,37 @@ class _RepeatedRows:
         self._gap = np.concatenate(gaps)
         # Number of rows within which two phases of the motion count as the same.
         reach = max(1, round(SAME_PHASE * runs.rate))
-        # Flags which of marked differences (D,) come back at other instants with the
+        # Flags which of marked differences (D,) recur at other instants with the
         # same motion: noise that the motion amplifies, and no single events.
-        self._comes_back = partial(recurring, self.both, phase, reach)
+        self._recurs = partial(recurring_differences, self.both, phase, reach)
 
     def joint(self, j: int, rates_shown: Array) -> _JointNoise:
         """Measure the noise of joint j (from 0) from its D differences.
 
-        Steps: drift and events are taken out of the differences; an autoregression is
-        fitted to what is left; the dependence of the noise on the motion's rates is
-        estimated.
+        Drift and events are taken out of the differences, an autoregression is fitted to
+        what is left, and the dependence of the noise on the motion's rates is estimated.
 
-        rates_shown : (M, 2) squared rates (:func:`rate_features`) of the rows for which
-        the profile is returned.
+        Parameters
+        ----------
+        rates_shown : (M, 2) array
+            Squared rates (:func:`rate_features`) of the rows for which the profile is
+            returned.
         """
         rates = self.rates[j][self.earlier_rows]
         drift = self._drift(j)
         pieces = _without_rows(self.pieces, self.stuck[:, j])
         without_drift, is_undisturbed = _without_events(
-            self.difference[:, j], drift, rates, pieces, self.runs.n, self._comes_back
+            self.difference[:, j], drift, rates, pieces, self.runs.n, self._recurs
         )
-        # Only differences without an event.
-        steady = Pieces(p[is_undisturbed[p]] for p in pieces)
-        ar, deviation, degrees = autoregression(without_drift, steady)
-        n_used = sum(map(len, steady))
+        undisturbed = Pieces(p[is_undisturbed[p]] for p in pieces)
+        ar, deviation, degrees = autoregression(without_drift, undisturbed)
+        n_used = sum(map(len, undisturbed))
         # The fitted drift takes as many degrees of freedom as it has columns.
         rank = int(np.linalg.matrix_rank(drift * is_undisturbed[:, None]))
         n_free = max(n_used - rank, 1)
-        squares = sum(np.sum(without_drift[p] ** 2) for p in steady)
+        squares = sum(np.sum(without_drift[p] ** 2) for p in undisturbed)
         # The profile is estimated on rows that repeat; the floor is that of all rows.
-        white = steady.filter(ar, len(without_drift)) @ without_drift
+        white = undisturbed.filter(ar, len(without_drift)) @ without_drift
         profile = noise_profile(white, rates, self.rates[j])
         mean_profile = np.sqrt(np.mean(profile[self.runs.keep[:, j]] ** 2))
         # An event may have happened at either of the two instants of a difference.
@@ -398,26 +400,24 @@ class _RepeatedRows:
 
 
 def _suspect_rows_of_windows(
-    suspect: Mask, runs: SegmentedRuns, shown: SegmentedRuns
+    suspect: Mask, runs: SegmentedRuns, windows: SegmentedRuns
 ) -> Mask:
-    """Return the suspect rows (M, n) of windows from those of the complete runs.
+    """Return the suspect rows (M, n) of windows of runs, whose rows lie at other instants.
 
-    - ``suspect``: flags of the rows of ``runs``.
-    - ``shown``: windows of these runs, whose rows lie at other instants.
-
-    A window's row is suspect if one of its two neighbours in ``runs`` is.
+    A window's row is suspect if one of its two neighbours among the rows of ``runs`` is;
+    ``suspect`` flags these.
     """
     of_windows = []
-    for window in shown.segments:
-        marked = np.zeros((len(window.t), runs.n), bool)
+    for window in windows.segments:
+        is_suspect = np.zeros((len(window.t), runs.n), bool)
         for number, source_segment in enumerate(runs.segments):
             if is_part(window, source_segment):
                 suspect_rows = suspect[runs.segment == number]
                 row_after = np.searchsorted(source_segment.t, window.t)
                 for neighbour in (row_after - 1, row_after):
                     row = np.clip(neighbour, 0, len(suspect_rows) - 1)
-                    marked |= suspect_rows[row]
-        of_windows.append(marked)
+                    is_suspect |= suspect_rows[row]
+        of_windows.append(is_suspect)
     return np.concatenate(of_windows)
 
 
@@ -450,12 +450,12 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
 
 
 def _without_events(
-    x: Array,
+    differences: Array,
     drift: Array,
     rates: Array,
     pieces: Pieces,
-    tests: int,
-    comes_back: Callable[[Mask], Mask],
+    n_joints: int,
+    recurs: Callable[[Mask], Mask],
 ) -> tuple[Array, Mask]:
     """Separate the noise in differences from drift and events.
 
@@ -464,15 +464,17 @@ def _without_events(
 
     Parameters
     ----------
-    x : (D,) array
-        Differences of one joint [N m or N].
+    differences : (D,) array
+        Differences of one joint's residual [N m or N].
     drift : (D, k) array
         Columns that drifts leave in them.
     rates : (D, r) array
         Squared rates that may increase the noise.
-    tests : int
+    pieces : Pieces
+        Stretches of differences without an interruption.
+    n_joints : int
         Number of joints that are searched for events (for the rate of false events).
-    comes_back : callable
+    recurs : callable
         Returns which of marked differences (D,) recur; these are no events.
 
     Returns
@@ -482,26 +484,25 @@ def _without_events(
     is_undisturbed : (D,) array of bool
         Differences that are not part of an event; all, if more than RARE of them were.
     """
-    is_undisturbed = np.ones(len(x), bool)
+    count = len(differences)
+    is_undisturbed = np.ones(count, bool)
     for _ in range(3):
         drift_sizes = np.linalg.lstsq(
-            drift[is_undisturbed], x[is_undisturbed], rcond=1e-10
+            drift[is_undisturbed], differences[is_undisturbed], rcond=1e-10
         )[0]
-        without_drift = x - drift @ drift_sizes
-        ar = autoregression(
-            without_drift, Pieces(p[is_undisturbed[p]] for p in pieces)
-        )[0]
+        without_drift = differences - drift @ drift_sizes
+        undisturbed = Pieces(p[is_undisturbed[p]] for p in pieces)
+        ar = autoregression(without_drift, undisturbed)[0]
         # Whitened differences of variance about 1, with 0 where there is no past.
-        white = pieces.filter(ar, len(without_drift)) @ without_drift
+        white = pieces.filter(ar, count) @ without_drift
         white /= noise_profile(white, rates, rates)
         white /= max(robust_scale(white[white != 0.0]), 1e-12)
-        is_event = local_excess(white, pieces, tests, len(x))
-        is_event &= ~comes_back(is_event)
+        is_event = local_excess(white, pieces, n_joints, count)
+        is_event &= ~recurs(is_event)
         is_undisturbed = ~is_event
         if is_undisturbed.mean() < 1.0 - RARE:
-            is_undisturbed[:] = (
-                True  # noise that is not stationary, rather than an event
-            )
+            # Noise that is not stationary, rather than events.
+            is_undisturbed[:] = True
     return without_drift, is_undisturbed
 
 
@@ -588,9 +589,8 @@ def _floor_of_positions(runs: SegmentedRuns) -> Array:
 
 
 def _power_gain(cutoff: float, dt: float, frequency: Array) -> Array:
-    """Return the power |H|^2 (F,) that a low-pass of this cut-off [Hz] passes at
-    frequencies (F,) [Hz]; dt : sample time [s].
-    """
+    """Return the power |H|^2 (F,) that a low-pass of this cut-off [Hz], sampled every
+    ``dt`` [s], passes at frequencies (F,) [Hz]."""
     kernel = Kernel(cutoff, dt).value
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
     gain = np.abs(np.fft.rfft(kernel, size))

@@ -21,7 +21,12 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.constants import SAMPLES
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
-from sdp_vs_penalty.signals.repetition import ALIKE, Track, repeat_lag, repeat_period
+from sdp_vs_penalty.signals.repetition import (
+    SAME_MOTION,
+    Track,
+    repeat_lag,
+    repeat_period,
+)
 from sdp_vs_penalty.signals.runs import interpolated, sample_rate
 
 #: A part of a motion's clock: where it begins and ends [s].
@@ -111,7 +116,7 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
         # The first of the earlier runs that shows the same motion lends its clock.
         for other, track_of_other in zip(clocks, tracks, strict=False):
             both_periodic = clock.periodic and other.periodic
-            if both_periodic and abs(other.length - length) > ALIKE * length:
+            if both_periodic and abs(other.length - length) > SAME_MOTION * length:
                 continue
             if both_periodic:
                 # A little more than half a period reaches every phase.
@@ -278,8 +283,7 @@ def phase_windows(
     """Split one run into windows for training and windows for testing.
 
     The motion is cut into as many equal parts as there is room for, up to five; each
-    begins with training and ends with testing, so that both see the whole run. What the
-    filters leave of the tested windows is at least a fifth of the motion.
+    begins with training and ends with testing, so that both see the whole run.
 
     Parameters
     ----------
@@ -302,28 +306,42 @@ def phase_windows(
         Windows for training and for testing [s from the run's start]; None where the
         motion is too short, or repeats too fast.
     """
-    # 1. The largest number of parts, each [trained, pause, tested, pause], of which
-    # training keeps six tenths; half, if there is only one part. 1e-9 allows for rounding.
     length = float(clock.length if clock.periodic else span)
-    for n_parts in range(5, 0, -1):
-        part = length / n_parts
-        tested = max((1.0 - share) * part, 0.2 * part + 2.0 * pause, shortest)
-        trained = part - tested - 2.0 * pause
-        least_trained = 0.6 if n_parts > 1 else 0.5
-        if trained >= max(shortest, least_trained * part - 1e-9):
-            break
-    else:
+    parts = _largest_number_of_parts(length, share, pause, shortest)
+    if parts is None:
         return None
-    # 2. These parts in each repetition of the motion, up to the run's end.
+    n_parts, trained = parts
+    part = length / n_parts
     train = []
     test = []
-    for begin in np.arange(0.0, span, length).tolist():  # of each repetition
+    for repetition in np.arange(0.0, span, length).tolist():
         for number in range(n_parts):
-            start = begin + number * part
+            start = repetition + number * part
             train.append((start, min(start + trained, span)))
-            is_end = not clock.periodic and number == n_parts - 1
-            end = span if is_end else start + part - pause
+            is_end_of_run = not clock.periodic and number == n_parts - 1
+            end = span if is_end_of_run else start + part - pause
             test.append((start + trained + pause, min(end, span)))
     train = [(begin, end) for begin, end in train if end - begin >= shortest]
     test = [(begin, end) for begin, end in test if end - begin >= shortest]
     return (train, test) if train and test else None
+
+
+def _largest_number_of_parts(
+    length: float, share: float, pause: float, shortest: float
+) -> tuple[int, float] | None:
+    """Return into how many parts a motion of some length [s] can be cut, and how long
+    training is in each [s]; None where even one part is too short.
+
+    A part is [trained, pause, tested, pause]. What the filters leave of ``tested`` is at
+    least a fifth of it, and training keeps six tenths; half, if there is only one part.
+    The arguments are those of :func:`phase_windows`.
+    """
+    for n_parts in range(5, 0, -1):
+        part = length / n_parts
+        tested = max((1.0 - share) * part, 0.2 * part + 2.0 * pause, shortest)
+        trained = part - tested - 2.0 * pause
+        smallest_share = 0.6 if n_parts > 1 else 0.5
+        # 1e-9 allows for rounding.
+        if trained >= max(shortest, smallest_share * part - 1e-9):
+            return n_parts, trained
+    return None

@@ -37,7 +37,7 @@ from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.effects.servo import LATEST
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array, Indices
-from sdp_vs_penalty.signals.constants import STOPS
+from sdp_vs_penalty.signals.constants import STOP_BAND
 from sdp_vs_penalty.signals.kernels import Decimator, Kernel
 from sdp_vs_penalty.signals.runs import (
     Movement,
@@ -144,7 +144,7 @@ class RunFilter:
         # their grid too.
         step = self.step(OVERSAMPLING)
         highest = settings.torque_cutoff + 4.0 * settings.state_cutoff
-        highest_stride = max(1.0, 1.0 / (STOPS * highest * self.dt))
+        highest_stride = max(1.0, 1.0 / (STOP_BAND * highest * self.dt))
         self.smooth_stride = max(
             k for k in range(1, step + 1) if step % k == 0 and k <= highest_stride
         )

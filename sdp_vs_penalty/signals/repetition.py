@@ -21,7 +21,7 @@ Track: TypeAlias = tuple[Array, Array]
 
 #: Motions are alike if their positions differ by less than this share of each joint's
 #: motion.
-ALIKE = 0.01
+SAME_MOTION = 0.01
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
 #: Fewest rows of a repetition: noise is compared with its own past.
@@ -32,12 +32,12 @@ def motion_scale(q: Array) -> Array | None:
     """Return the size (n,) of each joint's motion [rad or m], the standard deviation of
     its positions q (N, n); None if no joint moves.
 
-    It is at least ALIKE (1 %) of the largest joint's, because the noise of a joint that
+    It is at least SAME_MOTION (1 %) of the largest joint's, because the noise of a joint that
     hardly moves is no motion.
     """
     size = q.std(axis=0)
     largest = size.max()
-    return np.maximum(size, ALIKE * largest) if largest > 0.0 else None
+    return np.maximum(size, SAME_MOTION * largest) if largest > 0.0 else None
 
 
 def repeat_period(t: Array, q: Array) -> float | None:
@@ -52,8 +52,8 @@ def repeat_period(t: Array, q: Array) -> float | None:
     if scale is None:
         return None
     # From the first row away from the initial pose to the last away from the final one.
-    has_left = np.any(np.abs(q - q[0]) > ALIKE * scale, axis=1)
-    is_coming = np.any(np.abs(q - q[-1]) > ALIKE * scale, axis=1)
+    has_left = np.any(np.abs(q - q[0]) > SAME_MOTION * scale, axis=1)
+    is_coming = np.any(np.abs(q - q[-1]) > SAME_MOTION * scale, axis=1)
     begin = int(np.argmax(has_left))
     end = len(t) - int(np.argmax(is_coming[::-1]))
     t = t[begin:end]
@@ -136,7 +136,7 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
 def _valleys(
     a: Track, b: Track, scale: Array, step: float, lags: Indices
 ) -> list[tuple[float, float]]:
-    """List the lags at which track b may repeat track a: minima of their difference.
+    """List the lags at which track b may repeat track a: minima of their difference D.
 
     Parameters
     ----------
@@ -162,9 +162,10 @@ def _valleys(
     is_minimum = (center <= left) & (center <= right) & (bend > 0.0)
     shift = 0.5 * (left - right) / np.where(is_minimum, bend, 1.0)
     lowest = center - 0.25 * (left - right) * shift
-    at = np.flatnonzero(is_minimum & (lowest < (2.0 * ALIKE) ** 2))
-    seconds = (lags[1 + at] + shift[at]) * step
-    return list(zip(lowest[at], seconds, strict=True))
+    is_near_zero = lowest < (2.0 * SAME_MOTION) ** 2
+    valleys = np.flatnonzero(is_minimum & is_near_zero)
+    seconds = (lags[1 + valleys] + shift[valleys]) * step
+    return list(zip(lowest[valleys], seconds, strict=True))
 
 
 def _mean_squares(
@@ -174,33 +175,34 @@ def _mean_squares(
 
     D(lag) is the mean square of b(t_b0 + k step + lag) - a(t_a0 + k step) over k and
     joints, each joint in units of its scale. All lags are computed by one correlation,
-    as sum x^2 + sum y^2 - 2 sum x y; the arguments are those of :func:`_valleys`.
+    as sum a^2 + sum b^2 - 2 sum a b; the arguments are those of :func:`_valleys`.
     """
-    x = _evenly(a, step, scale)
-    y = x if b is a else _evenly(b, step, scale)
+    x = _evenly_sampled(a, step, scale)
+    y = x if b is a else _evenly_sampled(b, step, scale)
+    # Small numbers: the sums of squares lose fewer digits.
     middle = x.mean(axis=1, keepdims=True)
     x = x - middle
     y = y - middle
-    n, M = x.shape
-    N = y.shape[1]
+    n_joints, n_of_a = x.shape
+    n_of_b = y.shape[1]
     product = _correlation(x, y)[lags]
-    # Samples of x that overlap with y at each lag, and sums of squares over them.
+    # Samples of a that overlap with b at each lag, and sums of squares over them.
     first = np.maximum(0, -lags)
-    last = np.minimum(M, N - lags)
-    squares_of_x = np.append(0.0, np.cumsum(np.sum(x**2, axis=0)))
-    squares_of_y = np.append(0.0, np.cumsum(np.sum(y**2, axis=0)))
-    sum_of_x = squares_of_x[last] - squares_of_x[first]
+    last = np.minimum(n_of_a, n_of_b - lags)
+    squares_of_a = np.append(0.0, np.cumsum(np.sum(x**2, axis=0)))
+    squares_of_b = np.append(0.0, np.cumsum(np.sum(y**2, axis=0)))
+    sum_of_a = squares_of_a[last] - squares_of_a[first]
     # The order of these terms decides the rounding.
     total = (
-        sum_of_x
-        + squares_of_y[last + lags]
-        - squares_of_y[first + lags]
+        sum_of_a
+        + squares_of_b[last + lags]
+        - squares_of_b[first + lags]
         - 2.0 * product
     )
-    return np.maximum(total, 0.0) / ((last - first) * n)
+    return np.maximum(total, 0.0) / ((last - first) * n_joints)
 
 
-def _evenly(track: Track, step: float, scale: Array) -> Array:
+def _evenly_sampled(track: Track, step: float, scale: Array) -> Array:
     """Return the positions (n, M) of a track in units of the scale (n,), interpolated
     linearly at instants ``step`` seconds apart.
     """
@@ -228,7 +230,7 @@ def _is_repeated(a: Track, b: Track, scale: Array, lag: float) -> bool:
     """Whether track b repeats track a with a lag [s]: q_b(t_b0 + s + lag) = q_a(t_a0 +
     s).
 
-    The root mean square difference over all s in both tracks has to be below ALIKE (1
+    The root mean square difference over all s in both tracks has to be below SAME_MOTION (1
     %) of the joints' motion, ``scale`` (n,).
     """
     t_a, q_a = a
@@ -236,7 +238,7 @@ def _is_repeated(a: Track, b: Track, scale: Array, lag: float) -> bool:
     at = t_a - t_a[0] + lag + t_b[0]
     inside = (at >= t_b[0]) & (at <= t_b[-1])
     repeated = interpolated(at[inside], t_b, q_b)
-    return _difference(q_a[inside], repeated, scale) < ALIKE
+    return _difference(q_a[inside], repeated, scale) < SAME_MOTION
 
 
 def _difference(q: Array, other: Array, scale: Array) -> float:
@@ -277,7 +279,7 @@ class Repeat:
 def is_part(window: Filtered, longer: Filtered) -> bool:
     """Whether a segment is a window of a longer one.
 
-    It is if both have the same positions at the same instants, within a tenth of ALIKE
+    It is if both have the same positions at the same instants, within a tenth of SAME_MOTION
     (0.1 % of the joints' motion).
     """
     t = window.t_dense
@@ -288,7 +290,7 @@ def is_part(window: Filtered, longer: Filtered) -> bool:
         return False
 
     there = CubicSpline(span, longer.q_dense)(t[inside])
-    return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
+    return _difference(window.q_dense[inside], there, scale) < 0.1 * SAME_MOTION
 
 
 def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
@@ -348,7 +350,9 @@ def _same_positions(a: Filtered, b: Filtered, shift: float) -> tuple[Indices, Ar
     later = later[rows]
     positions_of_a = CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
     positions_of_b = CubicSpline(b.t_dense, b.q_dense)(later)
-    is_same = np.all(np.abs(positions_of_a - positions_of_b) < ALIKE * scale, axis=1)
+    is_same = np.all(
+        np.abs(positions_of_a - positions_of_b) < SAME_MOTION * scale, axis=1
+    )
     return rows[is_same], later[is_same]
 
 
@@ -373,7 +377,7 @@ def pairs(repeats: Sequence[Repeat]) -> Indices:
     return np.concatenate(rows)
 
 
-def motions_of_rows(both: Indices, count: int) -> tuple[int, Indices]:
+def motions_of_rows(row_pairs: Indices, n_rows: int) -> tuple[int, Indices]:
     """Count the independent differences between rows with the same motion, and tell
     which differences are of one motion.
 
@@ -383,27 +387,31 @@ def motions_of_rows(both: Indices, count: int) -> tuple[int, Indices]:
 
     Parameters
     ----------
-    both : (D, 2) array of int
+    row_pairs : (D, 2) array of int
         Pairs of rows with the same motion, from :func:`pairs`.
+    n_rows : int
+        Number of all rows.
 
     Returns
     -------
     int
-        Number of independent differences: the ``count`` rows less groups of rows with
-        the same motion (connected components; a row without a pair is one).
+        Number of independent differences: the rows less groups of rows with the same
+        motion (connected components; a row without a pair is one).
     (D,) array of int
         The phase of each difference's motion: the first of all rows that pairs connect
         with its own.
     """
-    entries = (np.ones(len(both)), tuple(both.T))
-    graph = scipy.sparse.coo_array(entries, shape=(count, count))
+    entries = (np.ones(len(row_pairs)), tuple(row_pairs.T))
+    graph = scipy.sparse.coo_array(entries, shape=(n_rows, n_rows))
     n_motions, motion = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    first_rows = np.full(n_motions, count, dtype=np.intp)
-    np.minimum.at(first_rows, motion, np.arange(count))
-    return count - int(n_motions), first_rows[motion[both[:, 0]]]
+    first_rows = np.full(n_motions, n_rows, dtype=np.intp)
+    np.minimum.at(first_rows, motion, np.arange(n_rows))
+    return n_rows - int(n_motions), first_rows[motion[row_pairs[:, 0]]]
 
 
-def recurring(both: Indices, phase: Indices, reach: int, marked: Mask) -> Mask:
+def recurring_differences(
+    row_pairs: Indices, phase: Indices, reach: int, marked: Mask
+) -> Mask:
     """Return which of the marked differences (D,) recur between two other instants of
     the same phase, as flags (D,).
 
@@ -412,19 +420,21 @@ def recurring(both: Indices, phase: Indices, reach: int, marked: Mask) -> Mask:
 
     Parameters
     ----------
-    both : (D, 2) array of int
-        Pairs of rows with the same motion, from :func:`pairs`.
+    row_pairs : (D, 2) array of int
+        The two rows with the same motion of each difference, from :func:`pairs`.
     phase : (D,) array of int
         Phase of each difference, from :func:`motions_of_rows`.
     reach : int
         Number of rows within which two phases count as the same.
+    marked : (D,) array of bool
+        Differences that are asked about.
     """
     recurs = np.zeros(len(phase), bool)
     candidates = np.flatnonzero(marked)
     for k in candidates:
         same_phase = candidates[np.abs(phase[candidates] - phase[k]) <= reach]
         # From both rows of each of these to both rows of difference k, (K, 2, 2).
-        distance = np.abs(both[same_phase][:, :, None] - both[k])
+        distance = np.abs(row_pairs[same_phase][:, :, None] - row_pairs[k])
         is_elsewhere = (distance > 2 * reach).all(axis=(1, 2))
         recurs[k] = is_elsewhere.any()
     return recurs

@@ -55,7 +55,7 @@ _WINDOWS = 4
 #: Adds torques to a motion.
 Attach: TypeAlias = Callable[[Motion], Motion]
 #: Effects with their columns, by a key that effects with the same columns share.
-Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
+CachedColumns: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class SegmentColumns:
     #: Columns computed before, in two dictionaries: those that depend on the motion
     #: alone, which all models share, and those that depend on the torque and links of
     #: this model.
-    cache: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
+    cache: tuple[CachedColumns, CachedColumns] = field(default_factory=lambda: ({}, {}))
 
     def blocks(self, effect: Effect, keep: bool) -> list[Block]:
         """Return an effect's blocks of low-passed columns (M, k), one for each joint,
@@ -94,28 +94,28 @@ class SegmentColumns:
         return blocks
 
     def _make_columns(self, effect: Effect) -> list[Block]:
-        """Make an effect's low-passed columns at the rows of all segments.
+        """Make an effect's low-passed columns (M, k) at the rows of all segments, one
+        block for each joint.
 
         They are made a few rows at a time to bound the memory, because the grid of
         columns is many times as fine as the rows: the more columns, the fewer rows at
         once. Effects with memory, and those that depend on a model's torque, need all
         rows of a segment at once.
         """
-        uncut = depends(effect) or effect.has_memory
-        pieces = list[list[Block]]()
+        needs_all_rows = depends(effect) or effect.has_memory
+        chunks = list[list[Block]]()
         for low_pass, motion in self.parts:
             count = len(low_pass.at)
-            step = count if uncut else PART // (2 * len(effect.parameters))
+            step = count if needs_all_rows else PART // (2 * len(effect.parameters))
             for start in range(0, count, step):
-                chunk = low_pass, motion
+                chunk_low_pass, chunk_motion = low_pass, motion
                 if step < count:
-                    part, samples = low_pass.part(start, start + step)
-                    chunk = part, motion.part(samples)
-                chunk_low_pass, chunk_motion = chunk
+                    chunk_low_pass, samples = low_pass.part(start, start + step)
+                    chunk_motion = motion.part(samples)
                 blocks = {0: effect.blocks(chunk_motion)}
-                pieces.append(low_passed(chunk_low_pass, blocks)[0])
+                chunks.append(low_passed(chunk_low_pass, blocks)[0])
         joined = []
-        for parts_of_block in zip(*pieces, strict=True):
+        for parts_of_block in zip(*chunks, strict=True):
             columns = np.concatenate([part.columns for part in parts_of_block])
             joined.append(replace(parts_of_block[0], columns=columns))
         return joined
@@ -290,8 +290,8 @@ class SegmentedRuns:
         return np.sqrt(mean_square) * self.still
 
     @cached_property
-    def steps(self) -> Array:
-        """(M, n) one sample of the error that the encoders' resolution causes in the
+    def encoder_error(self) -> Array:
+        """(M, n) one random sample of the error that the encoders' resolution causes in the
         residual [N m or N].
 
         It is (r - r') / sqrt(2): r is the residual under the logged positions, r' that
@@ -553,19 +553,15 @@ def window_subsample(
 
 
 def subsample_sentence(
-    part: Measurements, measurements: Measurements, what: str
+    windows: Measurements, recording: Measurements, subject_and_verb: str
 ) -> str | None:
     """Return the sentence that a result rests on windows of a long recording, and on
-    how many; None if it rests on the complete recording.
-
-    - ``part``: the windows.
-    - ``measurements``: the recording.
-    - ``what``: subject and verb, such as "the noise is measured on".
-    """
-    measurements = measurements.cut_at_pauses
-    if part is measurements:
+    how many; None if it rests on the complete recording. ``subject_and_verb`` is such as
+    "the noise is measured on"."""
+    recording = recording.cut_at_pauses
+    if windows is recording:
         return None
     return (
-        f"Long recording: {what} {part.seconds:.3g} s of its"
-        f" {measurements.seconds:.4g} s, {len(part.names)} windows spread over it."
+        f"Long recording: {subject_and_verb} {windows.seconds:.3g} s of its"
+        f" {recording.seconds:.4g} s, {len(windows.names)} windows spread over it."
     )

@@ -11,9 +11,19 @@ import numpy as np
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array, Mask
-from sdp_vs_penalty.signals import constants as c
+from sdp_vs_penalty.signals.constants import (
+    MOTION_OVER_NOISE,
+    NOISE_IN_ACCELERATION,
+    NOISE_LIKE,
+    QUIET_SHARE,
+    REVERSAL_SHIFT,
+    SAMPLES,
+    STATE_CUTOFF_RATIO,
+    STOP_BAND,
+    USED_SHARE_OF_RATE,
+)
 from sdp_vs_penalty.signals.kernels import Kernel
-from sdp_vs_penalty.signals.repetition import ALIKE
+from sdp_vs_penalty.signals.repetition import SAME_MOTION
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, split_at_gaps
 
 #: Fewest samples of a spectrum.
@@ -48,7 +58,9 @@ def highest_harmonic(run: Measurements) -> float:
     parts = [part for part in split_at_gaps(run) if part.count >= _FEWEST_SAMPLES]
     highest = 0.0
     if parts:
-        highest = _last_harmonic(parts, [part.q[:, moving] for part in parts])
+        highest = _highest_strong_frequency(
+            parts, [part.q[:, moving] for part in parts]
+        )
     if highest == 0.0:
         what = (
             f"{len(run.t)} samples, but no {_FEWEST_SAMPLES} consecutive ones without a"
@@ -58,9 +70,11 @@ def highest_harmonic(run: Measurements) -> float:
     return highest
 
 
-def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
-    """Return the highest frequency [Hz] at which one of n signals has 1 % of its
-    largest amplitude in any stretch; signals : (N, n) for each stretch.
+def _highest_strong_frequency(
+    parts: Sequence[Stretch], signals: Sequence[Array]
+) -> float:
+    """Return the highest frequency [Hz] at which one of n signals, (N, n) for each
+    stretch, has 1 % of its largest amplitude in any stretch.
 
     The reference is at least a hundredth of the largest amplitude of all signals: a
     joint that is held still trembles at any frequency, and that is no motion.
@@ -70,7 +84,7 @@ def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
     for part, signal in zip(parts, signals, strict=True):
         power, frequency = _power(part, signal)
         # Of a sine, the power grows with the length of its stretch.
-        spectra.append(power / min(part.count, c.SAMPLES))
+        spectra.append(power / min(part.count, SAMPLES))
         frequencies.append(frequency)
     largest = np.max([spectrum.max(axis=0) for spectrum in spectra], axis=0)
     largest = np.maximum(largest, _SMALLEST_POWER * largest.max())
@@ -87,7 +101,7 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
 
     A long stretch is cut into pieces, whose periodograms are averaged (Welch 1967).
     """
-    length = min(part.count, c.SAMPLES)
+    length = min(part.count, SAMPLES)
     n_pieces = -(-part.count // length)  # rounded up
     starts = np.linspace(0, part.count - length, n_pieces).astype(int)
     pieces = [part.resampled(values, start, start + length) for start in starts]
@@ -136,10 +150,10 @@ def sharpest_cutoff(
 ) -> float:
     """Choose the cut-off of the filter of q, dq, ddq.
 
-    It is WIDER times that of the torque's low-pass, so that all that this passes is
+    It is STATE_CUTOFF_RATIO times that of the torque's low-pass, so that all that this passes is
     whole in the states. It is lower where noise of a velocity, of standard deviation
     s_v, would turn dry friction round at the wrong time: within s_v / a of a reversal
-    with an acceleration a. That time has to be short, EARLY, beside the time constant
+    with an acceleration a. That time has to be short, REVERSAL_SHIFT, beside the time constant
     1 / (2 pi torque_cutoff) over which the torque is averaged.
 
     Returns the cut-off [Hz].
@@ -152,12 +166,12 @@ def sharpest_cutoff(
         The highest cut-off that is tried [Hz].
     """
     # From the highest cut-off down, in steps of a quarter of an octave or less.
-    n_octaves = np.log2(max(min(c.WIDER, highest / torque_cutoff), 1.0))
+    n_octaves = np.log2(max(min(STATE_CUTOFF_RATIO, highest / torque_cutoff), 1.0))
     widths = 2.0 ** np.linspace(n_octaves, 0.0, 1 + int(np.ceil(4.0 * n_octaves)))
     spectra = [_PositionSpectrum.from_run(run) for run in runs]
     for cutoff in torque_cutoff * widths:
         early = max(x.time_of_noise(cutoff, torque_cutoff) for x in spectra)
-        if early < c.EARLY / (2.0 * np.pi * torque_cutoff):
+        if early < REVERSAL_SHIFT / (2.0 * np.pi * torque_cutoff):
             break
     return float(cutoff)
 
@@ -180,33 +194,38 @@ class _PositionSpectrum:
         """Estimate the spectrum of a run."""
         part = max(split_at_gaps(run), key=lambda p: p.count)
         powers, frequency = _power(part, part.q[:, moving_joints(run)])
-        return cls(powers, frequency, min(part.count, c.SAMPLES), part.dt)
+        return cls(powers, frequency, min(part.count, SAMPLES), part.dt)
 
-    def time_of_noise(self, cutoff: float, band: float) -> float:
-        """Return the largest ratio s_v / a of the joints [s]: noise of the velocity
-        behind the low-pass of the states, over the acceleration in the torque's band
-        (both root mean squares); 0 for a run shorter than the filter.
+    def time_of_noise(self, state_cutoff: float, torque_cutoff: float) -> float:
+        """Return the largest ratio s_v / a of the joints [s]: by so much, noise of the
+        velocity shifts the sign of a velocity at a reversal.
+
+        s_v is the velocity's noise behind the low-pass of the states, a the acceleration
+        behind that of the torque (both root mean squares; cut-offs in Hz). 0 for a run
+        shorter than the filter.
         """
-        if self._is_shorter_than_filter(cutoff):
+        if self._is_shorter_than_filter(state_cutoff):
             return 0.0
-        derived = (2.0 * np.pi * self.frequency) ** 2
-        velocity_gain = derived * self._gain(cutoff) ** 2
-        acceleration_gain = derived**2 * self._gain(band) ** 2
+        # A derivative by time multiplies the power by w^2, w = 2 pi frequency.
+        w_squared = (2.0 * np.pi * self.frequency) ** 2
+        velocity_gain = w_squared * self._gain(state_cutoff) ** 2
+        acceleration_gain = w_squared**2 * self._gain(torque_cutoff) ** 2
         # At the highest frequencies there is only noise; it is taken for white.
-        noise = self.powers[self.frequency > c.LAST / self.dt].mean(axis=0)
+        is_noise = self.frequency > USED_SHARE_OF_RATE / self.dt
+        noise = self.powers[is_noise].mean(axis=0)
         velocity_noise = noise * velocity_gain.sum()
         acceleration = acceleration_gain @ self.powers
         ratios = velocity_noise / np.maximum(acceleration, np.finfo(float).tiny)
         return float(np.sqrt(ratios.max(initial=0.0)))
 
-    def errors(self, cutoffs: Array, band: float) -> Array:
+    def errors(self, cutoffs: Array, torque_cutoff: float) -> Array:
         """Compute the errors that low-passes make in the accelerations of the joints.
 
         Parameters
         ----------
         cutoffs : (C,) array
             Cut-offs of the low-pass of the states [Hz].
-        band : float
+        torque_cutoff : float
             Cut-off of the torque's low-pass, through which accelerations pass too [Hz].
 
         Returns
@@ -219,26 +238,36 @@ class _PositionSpectrum:
         errors = []
         if not self._is_shorter_than_filter(cutoffs[0]):
             frequency = self.frequency
-            twice_derived = (2.0 * np.pi * frequency) ** 4
-            transfer = twice_derived * self._gain(band) ** 2
+            # From the power of a position to that of its acceleration: w^4.
+            w_to_fourth = (2.0 * np.pi * frequency) ** 4
+            acceleration_gain = w_to_fourth * self._gain(torque_cutoff) ** 2
             gains = np.array([self._gain(cutoff) for cutoff in cutoffs])  # (C, F)
-            taken = (1.0 - gains.T) ** 2
-            noise_gain = twice_derived @ gains.T**2
-            # The spectrum is smoothed over 1 Hz.
-            width = min(max(1, int(1.0 / frequency[1])), len(frequency))
+            share_taken = (1.0 - gains.T) ** 2
+            noise_gain = w_to_fourth @ gains.T**2
             for power in self.powers.T:  # of each joint
-                # At the highest frequencies there is only noise; it is taken for white.
-                noise = float(power[frequency > c.LAST / self.dt].mean())
-                smooth = np.convolve(power, np.ones(width) / width, mode="same")
-                is_noise = smooth < c.ABOVE * noise
-                end_of_motion = min(frequency[is_noise], default=np.inf)
-                moved = np.where(frequency < end_of_motion, power, 0.0)
-                acceleration = moved * transfer
+                motion, noise = self._split_motion_from_noise(power)
+                acceleration = motion * acceleration_gain
                 total = acceleration.sum()
                 if acceleration.any():
-                    lost = acceleration @ taken / total
+                    lost = acceleration @ share_taken / total
                     errors.append((lost, noise * noise_gain / total))
         return np.array(errors).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
+
+    def _split_motion_from_noise(self, power: Array) -> tuple[Array, float]:
+        """Return the power (F,) of a joint's motion, and that of its white noise.
+
+        Noise is what the highest frequencies hold. The motion ends at the first
+        frequency where the power, smoothed over 1 Hz, is less than MOTION_OVER_NOISE
+        times the noise.
+        """
+        frequency = self.frequency
+        is_high = frequency > USED_SHARE_OF_RATE / self.dt
+        noise = float(power[is_high].mean())
+        width = min(max(1, int(1.0 / frequency[1])), len(frequency))
+        smooth = np.convolve(power, np.ones(width) / width, mode="same")
+        is_noise = smooth < MOTION_OVER_NOISE * noise
+        end_of_motion = min(frequency[is_noise], default=np.inf)
+        return np.where(frequency < end_of_motion, power, 0.0), noise
 
     def _is_shorter_than_filter(self, cutoff: float) -> bool:
         """Whether the stretch is shorter than twice a kernel, which reaches 2 / cut-off
@@ -257,46 +286,42 @@ class _PositionSpectrum:
         return np.fft.rfft(centred).real
 
 
-def unbent_cutoff(
-    runs: Sequence[Measurements], cutoff: float, band: float, highest: float
+def least_error_cutoff(
+    runs: Sequence[Measurements], lowest: float, torque_cutoff: float, highest: float
 ) -> float:
-    """Choose the cut-off of the filter of q, dq, ddq with the least error in
+    """Choose the cut-off [Hz] of the filter of q, dq, ddq with the least error in
     acceleration, for a log without torque: load and drive torque come from the same
     states, so that neither is filtered less than the other.
 
     The error has two parts, both within the band of the torque: motion that the filter
     takes away, and noise of the positions that it lets through. Cut-offs are tried in
-    steps of half an octave from ``cutoff`` up. The lowest stays if it takes away less
-    than ALIKE, 1 %, of the acceleration: repetitions of one motion differ by as much.
-    A higher one whose noise on some joint is more than NOISY times the acceleration is
-    not taken. Robots that stick at reversals move more sharply than commanded, and
+    steps of half an octave. The lowest stays if it takes away less than SAME_MOTION,
+    1 %, of the acceleration: repetitions of one motion differ by as much. A higher one
+    whose noise on some joint is more than NOISE_IN_ACCELERATION times the acceleration
+    is not taken. Robots that stick at reversals move more sharply than commanded, and
     need a higher cut-off.
-
-    Returns the cut-off [Hz].
 
     Parameters
     ----------
-    cutoff : float
-        The lowest cut-off that is tried [Hz].
-    band : float
+    lowest, highest : float
+        The lowest and the highest cut-off that is tried [Hz].
+    torque_cutoff : float
         Cut-off of the torque's low-pass [Hz].
-    highest : float
-        The highest cut-off that is tried [Hz].
     """
-    n_octaves = np.log2(max(highest / cutoff, 1.0))
+    n_octaves = np.log2(max(highest / lowest, 1.0))
     steps = np.arange(1 + int(2.0 * n_octaves))
-    candidates = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
+    candidates = np.asarray(lowest * 2.0 ** (0.5 * steps), np.float64)
     # Mean squares over that of the acceleration; (joints of all runs, candidates).
     spectra = [_PositionSpectrum.from_run(run) for run in runs]
-    errors_by_run = [spectrum.errors(candidates, band) for spectrum in spectra]
+    errors_by_run = [spectrum.errors(candidates, torque_cutoff) for spectrum in spectra]
     motion_lost, noise_passed = np.concatenate(errors_by_run, axis=1)
     has_no_rows = not len(motion_lost)
-    if has_no_rows or motion_lost[:, 0].mean() < ALIKE**2:
-        return cutoff
+    if has_no_rows or motion_lost[:, 0].mean() < SAME_MOTION**2:
+        return lowest
     mean_error = (motion_lost + noise_passed).mean(axis=0)
-    is_too_noisy = noise_passed.max(axis=0) > c.NOISY**2
+    is_too_noisy = noise_passed.max(axis=0) > NOISE_IN_ACCELERATION**2
     # The lowest cut-off is always allowed.
-    mean_error = np.where(is_too_noisy & (candidates > cutoff), np.inf, mean_error)
+    mean_error = np.where(is_too_noisy & (candidates > lowest), np.inf, mean_error)
     return float(candidates[np.argmin(mean_error)])
 
 
@@ -319,7 +344,7 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     first-order autoregression.
 
     Its spectrum is S(w) = c / (1 + a^2 - 2 a cos(w)), w [rad/sample]. It is fitted to a
-    low quantile (QUIET) of periodograms over windows, because friction at reversals, or
+    low quantile (QUIET_SHARE) of periodograms over windows, because friction at reversals, or
     a blow, makes some windows loud. At no frequency is the noise more than these quiet
     windows hold (:func:`_lowered_to_quiet_windows`). The torque counts as smoothed unless half of each
     joint's amplitudes are within a factor NOISE_LIKE of S: drives smooth currents
@@ -340,49 +365,50 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
         return None
     dt = parts[0].dt
     windows, frequency = _windows(parts, cutoff, [p.tau for p in parts])
-    band = (frequency >= c.STOPS * cutoff) & (frequency <= c.LAST / dt)
+    band = (frequency >= STOP_BAND * cutoff) & (frequency <= USED_SHARE_OF_RATE / dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
     # A quantile needs some windows below it, a colour some frequencies.
     n_windows = sum(map(len, windows))
-    if n_windows * c.QUIET < 2.0 or band.sum() < 4 or largest == 0.0:
+    if n_windows * QUIET_SHARE < 2.0 or band.sum() < 4 or largest == 0.0:
         return None
     joined = np.concatenate(windows)
     # Channels that are stuck have the noise of rounding, beside the others'.
     rounding = (64.0 * np.finfo(float).eps * largest) ** 2
-    quiet = np.maximum(_mean_by_quantile(joined, c.QUIET), rounding)
-    loud = np.maximum(_mean_by_quantile(joined, 1.0 - c.QUIET), quiet)
+    quiet = np.maximum(_mean_by_quantile(joined, QUIET_SHARE), rounding)
+    loud = np.maximum(_mean_by_quantile(joined, 1.0 - QUIET_SHARE), quiet)
     spectrum, deviation = _autoregression(quiet, 2.0 * np.pi * frequency * dt, band)
     swings = np.sqrt(loud / quiet)[band].mean(axis=0).max()
     return TorqueNoise(
         frequency,
         _lowered_to_quiet_windows(spectrum, quiet.T),
-        is_smoothed=bool(deviation > 2.0 * np.log(c.NOISE_LIKE)),
-        is_uneven=bool(swings > c.NOISE_LIKE),
+        is_smoothed=bool(deviation > 2.0 * np.log(NOISE_LIKE)),
+        is_uneven=bool(swings > NOISE_LIKE),
     )
 
 
 def _windows(
     parts: Sequence[Stretch], cutoff: float, signals: Sequence[Array]
 ) -> tuple[list[Array], Array]:
-    """Return the periodograms (W, F, n) of n signals in each stretch, and their
+    """Return the periodograms (W, F, n) of the windows of each stretch, and their
     frequencies (F,) [Hz].
 
-    A window is as long as a low-pass of this cut-off [Hz] reaches.
-    signals : (N, n) at the samples of each stretch. Stretches that are shorter than a
-    window, or have not the first one's sample time, are left out.
+    A window is as long as a low-pass of this cut-off [Hz] reaches. ``signals`` are (N, n)
+    at the samples of each stretch. Stretches that are shorter than a window, or have not
+    the first one's sample time, are left out.
     """
     dt = parts[0].dt
     length = 2 * round(1.0 / cutoff / dt)
     windows = []
     for part, signal in zip(parts, signals, strict=True):
         if part.count >= length and part.dt == dt:
-            samples = part.resampled(signal, 0, min(part.count, c.SAMPLES))
+            samples = part.resampled(signal, 0, min(part.count, SAMPLES))
             windows.append(periodograms(samples, length, _DEGREE))
     return windows, np.asarray(np.fft.rfftfreq(length, dt), float)
 
 
 def _lowered_to_quiet_windows(spectrum: Array, quiet: Array) -> Array:
-    """Lower a fitted spectrum of noise (n, F) where quiet windows (n, F) hold less.
+    """Return a fitted spectrum of noise (n, F), lowered where quiet windows (n, F) hold
+    less.
 
     Whatever quiet windows hold is noise and perhaps more, so that the noise is at most
     that. The fit is to frequencies above the motion. Below them it is too large where
@@ -400,11 +426,11 @@ def _lowered_to_quiet_windows(spectrum: Array, quiet: Array) -> Array:
     ratio = (padded[:, :-2] + ratio + padded[:, 2:]) / 3.0
     lowered = spectrum.copy()
     lowered[:, first_used:] *= np.minimum(ratio, 1.0)
-    # A fit that is wrong at some frequency is not trusted below the first used one: its
-    # power there is at most that at the first used one.
-    is_wrong = ratio.min(axis=1) < _CONTRADICTED
+    # A fit that quiet windows contradict at some frequency is not trusted below the
+    # first used one: its power there is at most that at the first used one.
+    is_contradicted = ratio.min(axis=1) < _CONTRADICTED
     flat = np.minimum(lowered[:, :first_used], lowered[:, [first_used]])
-    lowered[is_wrong, :first_used] = flat[is_wrong]
+    lowered[is_contradicted, :first_used] = flat[is_contradicted]
     return lowered
 
 
@@ -443,7 +469,7 @@ def position_noise(parts: Sequence[Stretch], cutoff: float) -> Array | None:
     if not parts:
         return None
     windows, frequency = _windows(parts, cutoff, [p.q for p in parts])
-    above = frequency >= max(c.STOPS * cutoff, 0.25 / parts[0].dt)
+    above = frequency >= max(STOP_BAND * cutoff, 0.25 / parts[0].dt)
     if not windows or not above.any():
         return None
     power = np.concatenate(windows)[:, above].mean(axis=(0, 1))
@@ -461,30 +487,42 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
 
 
 def _autoregression(powers: Array, angle: Array, band: Mask) -> tuple[Array, float]:
-    """Fit the spectrum of a first-order autoregression, c / (1 + a^2 - 2 a cos(w)), to
-    the powers (F, n) of n joints at frequencies w (F,) [rad/sample].
+    """Fit the spectrum c / (1 + a^2 - 2 a cos(w)) of a first-order autoregression to
+    powers, and tell how far they are off it.
 
-    Only the frequencies that ``band`` (F,) flags are fitted. Returns the fitted spectra
-    (n, F) at all frequencies, and how far the worst joint is off the law, in natural
-    logarithms of power. That is the larger of two figures: the median of the absolute
-    deviation over the band, and how much louder the band's lowest half octave is. From
-    that half octave on the law is continued down to the motion's frequencies.
+    Parameters
+    ----------
+    powers : (F, n) array
+        Powers of n joints' noise.
+    angle : (F,) array
+        Frequencies w [rad/sample].
+    band : (F,) array of bool
+        Frequencies that are fitted.
+
+    Returns
+    -------
+    (n, F) array
+        The fitted spectra, at all frequencies.
+    float
+        How far the worst joint is off the law, in natural logarithms of power. It is the
+        median absolute deviation over the band, or how much louder the band's lowest
+        half octave is, if that is more: from there the law is continued down to the
+        motion's frequencies.
     """
-    # Colours that are tried; beyond, the corner is far below the band.
+    # Coefficients that are tried; beyond, the corner is far below the band.
     a = np.linspace(-0.9, 0.9, 181)[:, None]
-    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * np.cos(angle))  # (colours, F)
-    # The level c of each joint and colour is the mean of this; the best colour has the
-    # smallest variance. (n, colours, frequencies of the band)
+    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * np.cos(angle))  # (181, F)
+    # log c of each joint and coefficient is the mean of these over the band; the best
+    # coefficient is the one with which they vary least. (n, 181, frequencies of band)
     log_ratio = np.log(powers[band].T[:, None] / shapes[:, band])
     best = np.argmin(np.var(log_ratio, axis=2), axis=1)
-    # Of each joint the best colour, (n, frequencies).
     log_ratio = np.take_along_axis(log_ratio, best[:, None, None], axis=1)[:, 0]
-    level = log_ratio.mean(axis=1, keepdims=True)
-    off_law = log_ratio - level
+    log_c = log_ratio.mean(axis=1, keepdims=True)
+    off_law = log_ratio - log_c  # (n, frequencies of band)
     is_lowest = angle[band] <= np.sqrt(2.0) * angle[band][0]
     louder = np.median(off_law[:, is_lowest], axis=1).max()
     deviation = max(np.median(np.abs(off_law), axis=1).max(), louder)
-    return np.exp(level) * shapes[best], float(deviation)
+    return np.exp(log_c) * shapes[best], float(deviation)
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
@@ -500,12 +538,13 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
         The cut-off [Hz], from a quarter of the given one to the given one; the given
         one unless all runs were smoothed.
     """
-    last = 0.0
+    highest = 0.0
     for run in runs:
         parts = list(split_at_gaps(run))
         noise = torque_spectrum(parts, cutoff)
         if noise is None or not noise.is_smoothed:
             return cutoff
         longest = max(parts, key=lambda p: p.count)
-        last = max(last, _last_harmonic([longest], [longest.tau]))
-    return min(cutoff, max(last, 0.25 * cutoff))
+        of_run = _highest_strong_frequency([longest], [longest.tau])
+        highest = max(highest, of_run)
+    return min(cutoff, max(highest, 0.25 * cutoff))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.bristles import PRESLIDING_TRAVELS, dahl
 from sdp_vs_penalty.effects.motion import Legs, Motion
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask, nonzero_or_one
-from sdp_vs_penalty.signals.constants import SLIDES
+from sdp_vs_penalty.signals.constants import SLIDING_SPEED
 from sdp_vs_penalty.signals.kernels import Kernel, convolve
 from sdp_vs_penalty.signals.runs import Stretch
 
@@ -133,8 +133,8 @@ def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
 
 def is_sliding(velocity: Array) -> Mask:
     """Return the rows (M, n) of velocities in which a joint slides: is faster than
-    SLIDES times its root mean square."""
-    return np.abs(velocity) > SLIDES * np.sqrt(np.mean(velocity**2, axis=0))
+    SLIDING_SPEED times its root mean square."""
+    return np.abs(velocity) > SLIDING_SPEED * np.sqrt(np.mean(velocity**2, axis=0))
 
 
 def slides_throughout(velocity: Array, margin: int) -> Mask:

@@ -262,7 +262,10 @@ def test_what_the_repeats_of_a_motion_share(seed):
         )
         for k in range(len(both))
     ]
-    assert repetition.recurring(both, phase, reach, marked).tolist() == expected
+    assert (
+        repetition.recurring_differences(both, phase, reach, marked).tolist()
+        == expected
+    )
 
 
 def test_rows_that_only_a_later_row_connects_are_one_motion():
