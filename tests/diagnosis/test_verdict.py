@@ -43,7 +43,7 @@ def left(size, seed=0):
     rows = SimpleNamespace(
         keep=keep, still=none, slides=keep.copy(), torque=10.0 * FLOOR * white
     )
-    rows.steps = none.copy()
+    rows.encoder_error = none.copy()
     noise = SimpleNamespace(
         worth=np.ones((M, 2)),
         floor=FLOOR,
@@ -66,7 +66,7 @@ def test_what_is_beyond_the_noise_matters(size, change, matters):
     data.noise_is_known = change.get("known", True)
     data.noise.degrees[:] = change.get("degrees", 1000.0)
     data.rows.slides[:, 0] = change.get("slides", True)
-    data.rows.steps[:, 0] = change.get("steps", 0.0)
+    data.rows.encoder_error[:, 0] = change.get("steps", 0.0)
     found = remainder(data, fit, residual, none)
     assert found.joints_unexplained == matters
     assert (
