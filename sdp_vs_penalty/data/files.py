@@ -14,6 +14,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
+from sdp_vs_penalty.data.columns import Choice
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, format_of, open_log, suffixes
 from sdp_vs_penalty.data.measurements import (
     LARGEST_VALUE,
@@ -22,7 +23,7 @@ from sdp_vs_penalty.data.measurements import (
     concatenate,
     without_traces,
 )
-from sdp_vs_penalty.data.reading import Choice, run_of
+from sdp_vs_penalty.data.reading import run_of
 from sdp_vs_penalty.data.store import iter_chunks
 from sdp_vs_penalty.data.stretches.gaps import is_set_back
 from sdp_vs_penalty.errors import (
@@ -405,7 +406,7 @@ def read_run(
         Names of the robot's joints in order, for files that name theirs.
     chosen
         What else is chosen of the file: topic, rename, rate and other fields of
-        :class:`~sdp_vs_penalty.data.reading.Choice`.
+        :class:`~sdp_vs_penalty.data.columns.Choice`.
 
     Returns
     -------

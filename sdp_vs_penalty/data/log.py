@@ -1,6 +1,7 @@
 """A log before anyone knows what its columns are: what every adapter makes of a file."""
 
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array, Arrays, Indices, Mask
 
 #: Rows by which a column is described.
@@ -92,6 +93,10 @@ class Log:
     def names(self) -> list[str]:
         """Names of the columns in order."""
         return list(self.columns)
+
+    def remark(self, text: str) -> None:
+        """Remark on the file, behind its path: a warning that the command line prints."""
+        warnings.warn(f"{self.path}: {text}", Remark, stacklevel=3)
 
     def with_columns_of(self, block: str) -> "Log":
         """Return the log with a column for each of a block's, "NAME_1", in its place."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from recorded import refusal
 
+from sdp_vs_penalty.data.columns import Choice
 from sdp_vs_penalty.data.files import load_measurements, read_run
 from sdp_vs_penalty.data.hypotheses.by_arm import with_lengths
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
@@ -20,7 +21,7 @@ from sdp_vs_penalty.data.hypotheses.recognition import (
 from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.data.measurements import concatenate
-from sdp_vs_penalty.data.reading import Choice, run_of
+from sdp_vs_penalty.data.reading import run_of
 from sdp_vs_penalty.data.words.names import facts_of_heading, units_of_heading
 from sdp_vs_penalty.errors import InputError, Remark
 

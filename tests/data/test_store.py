@@ -34,7 +34,7 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
         save(run, path)
     whole = load_measurements(path)
     monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)
-    for home in ("store", "measurements", "formats.parquet", "formats.bag", "reading"):
+    for home in ("store", "measurements", "formats.parquet", "formats.bag", "values"):
         monkeypatch.setattr(f"sdp_vs_penalty.data.{home}.PART", 77)
     pieces = load_measurements(path)
     assert mapped(pieces.q)

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.draft import Draft
 from sdp_vs_penalty.data.hypotheses.arm import (
     N_PARTS,
     ChannelFit,
@@ -35,6 +36,7 @@ from sdp_vs_penalty.data.plausibility import (
     is_in_ranges,
     radians_per_percent,
 )
+from sdp_vs_penalty.data.stretches.gaps import stray_rows
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.data.words.units import (
     ENCODER_BITS,
@@ -130,7 +132,7 @@ def fit_of(
 
 
 def with_unit_of_positions(
-    found: Recognition,
+    recognition: Recognition,
     blocks: dict[str, Array],
     robot: Robot,
     fit: Fit,
@@ -146,21 +148,21 @@ def with_unit_of_positions(
     """
     q, tau = blocks["q"], blocks["tau"]
     is_impossible = bool(far_outside(robot, q))
-    if not _is_unit_open(found, robot, q, is_impossible or bool(of_others)):
-        return found, blocks
+    if not _is_unit_open(recognition, robot, q, is_impossible or bool(of_others)):
+        return recognition, blocks
     register, bit = signed_register(tau)
     torques = [tau, register] if bit else [tau]
     is_of_servo = (
-        "q" in found.units
+        "q" in recognition.units
     )  # degrees or per cent: other units close the question
     weighed = _weighed_units(robot, q, torques, fit, is_of_servo, of_others)
     if not weighed:
-        return found, blocks
+        return recognition, blocks
     *other_weights, largest = sorted(weight for weight, _, _ in weighed)
     _, of_best, best = max(weighed, key=lambda x: x[0])
     is_explained = min(x.share for _, x, _ in weighed) <= EXPLAINS_NONE
     if np.all(best.scale == 1.0) or not (is_explained or is_impossible):
-        return found, blocks
+        return recognition, blocks
     turning = _revolute(robot)
     lengths = np.delete(best.scale, turning)
     words = best.words + (", lengths in mm" if np.any(lengths != 1.0) else "")
@@ -174,36 +176,40 @@ def with_unit_of_positions(
     is_far_likelier = not other_weights or largest >= CERTAIN * other_weights[-1]
     is_certain = is_explained and is_far_likelier and odds_of_gears <= 1.0
     if is_certain and not best.is_of_any_size:
-        return _in_certain_unit(found, blocks, best, of_best.size, words, why)
-    may_ask = "q" in found.unsaid or found.has_our_names
+        return _in_certain_unit(recognition, blocks, best, of_best.size, words, why)
+    may_ask = "q" in recognition.unsaid or recognition.has_our_names
     if not (is_impossible and may_ask):
-        return found, blocks
+        return recognition, blocks
     if odds_of_gears <= _POSSIBLE and (
         is_explained or _explains(apart(best.in_si(q), tau))
     ):
-        said = (*found.said, f"{_Q_MAY_BE}{words}: {why}")
+        said = (*recognition.said, f"{_Q_MAY_BE}{words}: {why}")
         scale = {"q": best.scale_words(robot)}
-        return replace(found, said=said, possible_scale=scale), blocks
-    if found.unless_confirmed is not None:  # gears of any ratio confirm no columns
-        return found, blocks
-    return _with_possible_gears(found, robot, q, tau, fit, apart), blocks
+        return replace(recognition, said=said, possible_scale=scale), blocks
+    if (
+        recognition.unless_confirmed is not None
+    ):  # gears of any ratio confirm no columns
+        return recognition, blocks
+    return _with_possible_gears(recognition, robot, q, tau, fit, apart), blocks
 
 
-def _is_unit_open(found: Recognition, robot: Robot, q: Array, is_doubted: bool) -> bool:
+def _is_unit_open(
+    recognition: Recognition, robot: Robot, q: Array, is_doubted: bool
+) -> bool:
     """Tell whether nothing says the unit of positions q (N, n), and they are not radians by
     their size, or radians are doubted for another reason."""
-    stated = found.units.get("q")
+    stated = recognition.units.get("q")
     is_stated = stated is not None and stated.answer != DEGREES_OR_PERCENT
-    if is_stated or "q" in map(group_of, found.scale):
+    if is_stated or "q" in map(group_of, recognition.scale):
         return False
     # Smaller numbers may be turns, larger ones degrees.
     largest = np.abs(q[:, _revolute(robot)]).max(initial=0.0)
     is_of_radians = _LITTLE < largest < _TURN
-    return is_doubted or ("q" in found.unsaid and not is_of_radians)
+    return is_doubted or ("q" in recognition.unsaid and not is_of_radians)
 
 
 def _in_certain_unit(
-    found: Recognition,
+    recognition: Recognition,
     blocks: dict[str, Array],
     unit: _Unit,
     size: float,
@@ -215,18 +221,18 @@ def _in_certain_unit(
 
     ``size`` : the torques over those that the nominal links need, 0 where it is not known.
     """
-    found = replace(found, unit_by_arm=unit.words)
-    if "tau" in found.unsaid and size > 0.0:
+    recognition = replace(recognition, unit_by_arm=unit.words)
+    if "tau" in recognition.unsaid and size > 0.0:
         is_usual = max(size, 1.0 / size) < _OTHER_SIZE
         said = (
             f"tau {'in' if is_usual else 'hardly in'} N m, which no name says: they are"
             f" {size:.2g} times what the arm's nominal links need"
         )
-        found = replace(found, said=(*found.said, said))
-    found = found.with_unit("q", ColumnHypothesis(words, 1.0, why))
-    found = found.with_factors("q", unit.scale.tolist())
+        recognition = replace(recognition, said=(*recognition.said, said))
+    recognition = recognition.with_unit("q", ColumnHypothesis(words, 1.0, why))
+    recognition = recognition.with_factors("q", unit.scale.tolist())
     if not unit.middle.any():
-        return found, blocks
+        return recognition, blocks
     q = blocks["q"]
     middle = unit.middle / unit.scale
     moved = {
@@ -234,7 +240,7 @@ def _in_certain_unit(
         for x, block in blocks.items()
         if x == "q" or (x == "qcmd" and is_in_one_unit(q, block))
     }
-    return replace(found, is_of_arm=True), {**blocks, **moved}
+    return replace(recognition, is_of_arm=True), {**blocks, **moved}
 
 
 #: Ratios that are tried for all joints at once: the step from one to the next, and how many.
@@ -251,15 +257,15 @@ def _explains(fit: ChannelFit | None) -> bool:
 
 
 def _with_possible_gears(
-    found: Recognition, robot: Robot, q: Array, tau: Array, fit: Fit, apart: Fit
+    recognition: Recognition, robot: Robot, q: Array, tau: Array, fit: Fit, apart: Fit
 ) -> Recognition:
     """Propose ``--motors`` with the likeliest gear ratios, if positions q (N, n) can be
     angles of motors and the robot declares no transmission."""
     if robot.transmission is not None:
-        return found
+        return recognition
     ratios, share = _likeliest_ratios(robot, q, tau, apart)
     if share > EXPLAINS_NONE:
-        return found
+        return recognition
     rounded = np.array([float(f"{x:.3g}") for x in ratios])
     # A gear multiplies its motor's torque: torques at the motors are that much too small
     # for the nominal links, torques at the joints are not.
@@ -275,7 +281,9 @@ def _with_possible_gears(
         " torques (write the ratios of the data sheet: a joint that bears little hardly"
         " tells its own)"
     )
-    return replace(found, said=(*found.said, said), possible_options=tuple(options))
+    return replace(
+        recognition, said=(*recognition.said, said), possible_options=tuple(options)
+    )
 
 
 def _likeliest_ratios(
@@ -324,28 +332,28 @@ def _distance_to_nominal(fit: ChannelFit | None) -> float:
     return abs(float(np.log(fit.size)))
 
 
-def with_lengths(found: Recognition, robot: Robot) -> Recognition:
+def with_lengths(recognition: Recognition, robot: Robot) -> Recognition:
     """Take positions of prismatic joints in metres where the unit of all joints is one of
     angles; of a unit of lengths and one of angles, each joint's by its kind."""
     slides = np.delete(np.arange(robot.n), _revolute(robot))
     for group in ("q", "dq", "qcmd"):
-        factors = np.array(found.factors(group, robot.n))
+        factors = np.array(recognition.factors(group, robot.n))
         if np.isnan(factors).any():
-            for text in found.units[group].answer.split(" and "):
+            for text in recognition.units[group].answer.split(" and "):
                 is_length = text.split("/")[0] in LENGTHS
                 joints = slides if is_length else _revolute(robot)
                 factors[joints] = units_in_names()[group][text]
-            found = found.with_factors(group, factors.tolist())
+            recognition = recognition.with_factors(group, factors.tolist())
         if np.isin(factors[slides], (UNITS["deg"], _TURN)).any():
             factors[slides] = 1.0
             said = f"{group} of prismatic joints in m, which no angle is"
-            found = found.with_factors(group, factors.tolist())
-            found = replace(found, said=(*found.said, said))
-    return found
+            recognition = recognition.with_factors(group, factors.tolist())
+            recognition = replace(recognition, said=(*recognition.said, said))
+    return recognition
 
 
 def with_joint_side(
-    found: Recognition, blocks: dict[str, Array], robot: Robot, fit: Fit
+    recognition: Recognition, blocks: dict[str, Array], robot: Robot, fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:
     """Bring positions and torques of the motors to the joints by the robot's transmission,
     if nothing else brings positions into the joints' ranges and the arm explains the
@@ -354,10 +362,10 @@ def with_joint_side(
     Names have to say motors, or a unit: other positions may be in degrees. Torques may be
     the joints' already: the side is taken on which the arm leaves less of them.
     """
-    q, tau = blocks["q"] * found.factors("q", blocks["q"].shape[1]), blocks["tau"]
-    is_open = "q" in found.unsaid and not any(map(_says_motors, found.said))
+    q, tau = blocks["q"] * recognition.factors("q", blocks["q"].shape[1]), blocks["tau"]
+    is_open = "q" in recognition.unsaid and not any(map(_says_motors, recognition.said))
     if robot.transmission is None or is_open or is_in_ranges(robot, q):
-        return found, blocks
+        return recognition, blocks
     at_motors = robot.transmission.at_motors
     possible = [at_motors(joint_torque=x) for x in (False, True)]
     sides = {"q and tau" if "motor" in x.torques else "q": x for x in possible}
@@ -368,25 +376,29 @@ def with_joint_side(
         if of_arm is not None and is_in_ranges(robot, at_joints):
             fits[text] = of_arm
     if not fits:
-        return found, blocks
+        return recognition, blocks
     text = min(fits, key=lambda x: fits[x].share)
     share = fits[text].share
     if share > EXPLAINS_NONE:
-        return found, blocks
+        return recognition, blocks
     side = sides[text]
     are_rates = {"q": False, "qcmd": False, "dq": True, "dqcmd": True}
     blocks = {**blocks, "tau": side.joint_torques(tau)}
     for group, rates in are_rates.items():
         if group in blocks:
-            factors = found.factors(group, q.shape[1])
+            factors = recognition.factors(group, q.shape[1])
             blocks[group] = side.joint_positions(factors * blocks[group], rates=rates)
-            found = found.without_unit(group)
+            recognition = recognition.without_unit(group)
     said = (
         f"{text} are the motors': the robot's transmission makes the joints' of them, of"
         f" which the arm leaves {formatting.percent(share, 2)}"
     )
-    kept = [x for x in found.said if not (_says_motors(x) or x.startswith(_Q_MAY_BE))]
-    return replace(found, said=(*kept, said), possible_scale={}, is_of_arm=True), blocks
+    kept = [
+        x for x in recognition.said if not (_says_motors(x) or x.startswith(_Q_MAY_BE))
+    ]
+    return replace(
+        recognition, said=(*kept, said), possible_scale={}, is_of_arm=True
+    ), blocks
 
 
 def _says_motors(said: str) -> bool:
@@ -517,16 +529,16 @@ def _usual_units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
 
 
 def with_channel_of_torque(
-    found: Recognition, blocks: dict[str, Array], channels: Arrays, fit: Fit
+    recognition: Recognition, blocks: dict[str, Array], channels: Arrays, fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:
     """Choose the torque among several sets of channels (N, n), by their first and last
     names, the likeliest by its name first."""
     if len(channels) < 2:
-        return found, blocks
-    q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
+        return recognition, blocks
+    q = blocks["q"] * recognition.factors("q", blocks["q"].shape[1])
 
     whole = np.isfinite(np.hstack(list(channels.values()))).all(axis=1)
-    first = {x: next(iter(found.torques[x].values())) for x in channels}
+    first = {x: next(iter(recognition.torques[x].values())) for x in channels}
     hypotheses = which_torque(
         {x: tau[whole] for x, tau in channels.items()},
         [x for x in channels if not is_current(first[x])],
@@ -544,12 +556,12 @@ def with_channel_of_torque(
         " --rename to take them"
     )
     blocks = {**blocks, "tau": channels[best.answer]}
-    found = with_torque(found, found.torques[best.answer])
-    return replace(found, said=(*found.said, *said)), blocks
+    recognition = with_torque(recognition, recognition.torques[best.answer])
+    return replace(recognition, said=(*recognition.said, *said)), blocks
 
 
 def with_signed_register(
-    found: Recognition, blocks: dict[str, Array], fit: Fit
+    recognition: Recognition, blocks: dict[str, Array], fit: Fit
 ) -> tuple[Recognition, dict[str, Array]]:
     """Read torques as a servo's registers with a sign bit, if the arm then leaves far less
     of them.
@@ -558,16 +570,16 @@ def with_signed_register(
     register jumps at each change of sign.
     """
     register, bit = signed_register(blocks["tau"])
-    q = blocks["q"] * found.factors("q", blocks["q"].shape[1])
+    q = blocks["q"] * recognition.factors("q", blocks["q"].shape[1])
     if not bit:
-        return found, blocks
+        return recognition, blocks
     as_written, as_register = fit(q, blocks["tau"]), fit(q, register)
     if as_written is None or as_register is None:
-        return found, blocks
+        return recognition, blocks
     varies_less = _variation(register) < _variation(blocks["tau"])
     odds = (as_written.share / as_register.share) ** N_PARTS
     if odds < (1.0 if varies_less else CERTAIN):
-        return found, blocks
+        return recognition, blocks
     # Friction takes power: a negative one shows that torques count the other way.
     sign = 1.0 if as_register.friction > 0.0 else -1.0
     text = (
@@ -575,8 +587,8 @@ def with_signed_register(
         f" {formatting.percent(as_register.share, 2)} of it,"
         f" {formatting.percent(as_written.share, 2)} as it is written"
     )
-    found = replace(found, said=(*found.said, text), is_of_arm=True)
-    return found, {**blocks, "tau": sign * register}
+    recognition = replace(recognition, said=(*recognition.said, text), is_of_arm=True)
+    return recognition, {**blocks, "tau": sign * register}
 
 
 def _variation(values: Array) -> float:
@@ -584,14 +596,14 @@ def _variation(values: Array) -> float:
     return float(np.abs(np.diff(values, axis=0)).sum())
 
 
-def confirmed(found: Recognition, blocks: Arrays, fit: Fit) -> Recognition:
+def confirmed(recognition: Recognition, blocks: Arrays, fit: Fit) -> Recognition:
     """Return a reading that its order or its letters suggest, where the arm explains the
     torques by it and they are no velocities; raise its error where it does not."""
-    if found.unless_confirmed is None:
-        return found
-    q, tau = blocks["q"] * found.factors("q", blocks["q"].shape[1]), blocks["tau"]
-    if "q" in found.possible_scale:
-        word = found.possible_scale["q"]
+    if recognition.unless_confirmed is None:
+        return recognition
+    q, tau = blocks["q"] * recognition.factors("q", blocks["q"].shape[1]), blocks["tau"]
+    if "q" in recognition.possible_scale:
+        word = recognition.possible_scale["q"]
         factors, zeros = factors_and_zeros("q", word, q.shape[1])
         q = factors * (q - zeros)
     # Velocities mostly have the unit in which positions are written.
@@ -601,8 +613,119 @@ def confirmed(found: Recognition, blocks: Arrays, fit: Fit) -> Recognition:
     of_torques = fit(q, tau) if has_velocities else None
     is_velocity = rate_from_velocities(q, tau) is not None
     if of_torques is None or of_torques.share > EXPLAINS_NONE or is_velocity:
-        raise found.unless_confirmed
+        raise recognition.unless_confirmed
     said = f"the arm leaves {formatting.percent(of_torques.share, 2)} of the torques so"
     return replace(
-        found, said=(*found.said, said), unless_confirmed=None, share=of_torques.share
+        recognition,
+        said=(*recognition.said, said),
+        unless_confirmed=None,
+        share=of_torques.share,
     )
+
+
+# -- the steps --------------------------------------------------------------------------
+
+
+def _fit_at_stamps(draft: Draft) -> Fit:
+    """Return a function that fits the arm at the stamps as they are decided so far."""
+    return fit_of(draft.robot, lambda _: draft.seconds)
+
+
+def _with_kinds_of_joints(draft: Draft) -> Draft:
+    """Take lengths and angles of a unit that names say for all joints, by their kind."""
+    if draft.robot is None:
+        return draft
+    recognition = with_lengths(draft.recognition, draft.robot)
+    return replace(draft, recognition=recognition)
+
+
+def _with_unit_of_positions(draft: Draft) -> Draft:
+    """Decide or propose the unit of positions; the speed of joints in it tells the clock's."""
+    robot, recognition = draft.robot, draft.recognition
+    if robot is None or "q" in map(group_of, draft.choice.scale or {}):
+        return draft
+
+    def clock_of_positions(q: Array) -> Array:
+        return replace(draft, blocks={"q": q}).with_unit_of_clock().seconds
+
+    links = getattr(draft.choice.joints, "links", None)
+    of_links, apart = (
+        fit_of(robot, clock_of_positions, links, each_in_its_unit=x)
+        for x in (bool(recognition.torque_unit), True)
+    )
+    decided, blocks = with_unit_of_positions(
+        recognition, draft.blocks, robot, of_links, apart, draft.choice.unit_of_others
+    )
+    if decided is recognition:
+        return draft
+    draft = replace(draft, recognition=decided, blocks=blocks).with_unit_of_clock()
+    return _with_possible_clock(draft) if draft.recognition.possible_scale else draft
+
+
+def _with_possible_clock(draft: Draft) -> Draft:
+    """Add the unit of the clock by which joints move at a usual speed in a unit of positions
+    that is only possible."""
+    recognition, q = draft.recognition, draft.blocks["q"]
+    possible = recognition.possible_scale
+    factors, zeros = factors_and_zeros("q", possible["q"], q.shape[1])
+    in_si = replace(
+        draft,
+        recognition=recognition.without_unit("q"),
+        blocks={"q": factors * (q - zeros)},
+    )
+    clock = in_si.with_unit_of_clock().recognition.units.get("t")
+    if clock is None or clock == recognition.units.get("t"):
+        return draft
+    possible = {**possible, "t": clock.answer}
+    return replace(draft, recognition=replace(recognition, possible_scale=possible))
+
+
+def _at_joints(draft: Draft) -> Draft:
+    """Bring channels of the motors to the joints."""
+    robot, recognition = draft.robot, draft.recognition
+    if robot is None or recognition.unit_by_arm or draft.choice.is_of_motors:
+        return draft
+    recognition, blocks = with_joint_side(
+        recognition, draft.blocks, robot, _fit_at_stamps(draft)
+    )
+    return replace(draft, recognition=recognition, blocks=blocks)
+
+
+def _with_likeliest_torques(draft: Draft) -> Draft:
+    """Choose the torque among the sets of columns that compete."""
+    recognition, blocks = with_channel_of_torque(
+        draft.recognition, draft.blocks, draft.rival_torques, _fit_at_stamps(draft)
+    )
+    return replace(draft, recognition=recognition, blocks=blocks)
+
+
+def _with_signs_of_registers(draft: Draft) -> Draft:
+    """Read torques as registers with a sign bit."""
+    if draft.robot is None:
+        return draft
+    recognition, blocks = with_signed_register(
+        draft.recognition, draft.blocks, _fit_at_stamps(draft)
+    )
+    return replace(draft, recognition=recognition, blocks=blocks)
+
+
+def _confirmed(draft: Draft) -> Draft:
+    """Confirm columns that only their order or letters suggest, by rows whose stamps are in
+    order; raise the error of a reading that the arm does not confirm."""
+    steady = ~stray_rows(draft.t)
+    fit = fit_of(draft.robot, lambda _: draft.seconds[steady])
+    of_steady = {group: x[steady] for group, x in draft.blocks.items()}
+    recognition = confirmed(draft.recognition, of_steady, fit)
+    return replace(draft, recognition=recognition)
+
+
+#: What the arm decides, in this order: a later step fits torques by positions whose unit
+#: and side an earlier one has decided.
+STEPS_BY_ARM: tuple[Callable[[Draft], Draft], ...] = (
+    _with_kinds_of_joints,
+    _with_unit_of_positions,
+    _at_joints,
+    _with_likeliest_torques,
+    _with_signs_of_registers,
+    _confirmed,
+)

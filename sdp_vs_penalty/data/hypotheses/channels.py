@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -126,6 +126,18 @@ class Recognition:
             unsaid=self.unsaid - {group},
             zeros=() if group == "q" else self.zeros,
         )
+
+    def without_units_of(self, names: Iterable[str]) -> Recognition:
+        """Return the recognition that says nothing of the units of groups, or of single
+        joints, that an option states."""
+        recognition = self
+        for name in names:
+            recognition = recognition.without_unit(name)
+        return recognition
+
+    def with_sentences(self, *sentences: str) -> Recognition:
+        """Return the recognition with further sentences."""
+        return replace(self, said=(*self.said, *sentences))
 
     def factors(self, group: str, n: int) -> list[float]:
         """List the factors to SI of a group's n columns."""

@@ -5,17 +5,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sdp_vs_penalty.data.columns import Choice, channels_of, our_columns
 from sdp_vs_penalty.data.formats import open_log
 from sdp_vs_penalty.data.hypotheses.channels import has_our_names
 from sdp_vs_penalty.data.hypotheses.recognition import find_clock
 from sdp_vs_penalty.data.hypotheses.renaming import expanded
-from sdp_vs_penalty.data.reading import (
-    Choice,
-    channels_of,
-    our_columns,
-    run_and_reading,
-    sentence_and_command,
-)
+from sdp_vs_penalty.data.reading import run_and_reading, sentence_and_command
 from sdp_vs_penalty.data.words.tokens import group_of, parts_of
 from sdp_vs_penalty.data.words.units import unit_of_factor
 from sdp_vs_penalty.errors import InputError
