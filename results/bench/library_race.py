@@ -31,7 +31,7 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.race import Race
-from sdp_vs_penalty.race.records import Further, Hypothesis
+from sdp_vs_penalty.race.records import ExtraTorque, Hypothesis
 from sdp_vs_penalty.race.rows import base_columns
 
 Array = NDArray[np.float64]
@@ -82,27 +82,27 @@ class WhiteLog:
         """Return some of the rows."""
         return WhiteLog(self.white, rows)
 
-    def basis(self, chain: LogTransform) -> Array:
+    def basis(self, transform: LogTransform) -> Array:
         """Return the basis of each joint's own columns."""
         return self.basis_of_own
 
-    def raw(self, chain: LogTransform) -> Array:
+    def raw(self, transform: LogTransform) -> Array:
         """Return the model's columns."""
         return self.shared_columns
 
-    def torque_mask(self, chain: LogTransform) -> Array:
+    def torque_mask(self, transform: LogTransform) -> Array:
         """Return that all rows count."""
         return np.ones(self.y.shape)
 
-    def channels(self, chain: LogTransform) -> Array:
+    def channels(self, transform: LogTransform) -> Array:
         """Return the white torque."""
         return self.y
 
-    def motion(self, chain: LogTransform) -> Motion:
+    def motion(self, transform: LogTransform) -> Motion:
         """Return no velocities: that friction takes power is no evidence of effects."""
         return cast(Motion, self.data.motion)
 
-    def prepare_columns(self, chains: Any) -> None:
+    def prepare_columns(self, transforms: Any) -> None:
         """Columns are there already."""
 
 
@@ -113,16 +113,16 @@ class LibraryRace(Race):
         """Take the rows, and all candidates of `diagnose`."""
         self.kinds = (cast(ModuleType, self),)
         self.is_doubtful = False
-        self.looked_at = {}
-        self.all = Evidence(cast(Any, WhiteLog(white)))
-        self.few = self.all.thinned(c.THIN)
+        self.first_looks = {}
+        self.all_rows = Evidence(cast(Any, WhiteLog(white)))
+        self.few_rows = self.all_rows.thinned(c.THIN)
         self.forms = dict[Hypothesis, Candidate]()
         batches = list_candidates(white).batches
-        chain = self.all.log.as_logged
+        transform = self.all_rows.log.as_logged
         prior = prior_of_one_of(sum(len(b.forms) for b in batches))
         for batch in batches:
             for f, form in enumerate(batch.forms):
-                h = self._hypothesis(white, form, batch.columns(f), chain, prior)
+                h = self._hypothesis(white, form, batch.columns(f), transform, prior)
                 self.forms[h] = form
 
     def _hypothesis(
@@ -130,7 +130,7 @@ class LibraryRace(Race):
         white: WhiteData,
         form: Candidate,
         columns: dict[int, Array],
-        chain: LogTransform,
+        transform: LogTransform,
         prior: float,
     ) -> Hypothesis:
         """Return a candidate as a hypothesis, with the prior of its sizes."""
@@ -142,19 +142,21 @@ class LibraryRace(Race):
         sd = np.where(
             np.isnan(form.plausible), np.sqrt(energy / squares), form.plausible
         )
-        further = Further(on_rows, sd, bool(form.nonnegative[0]))
+        extra = ExtraTorque(on_rows, sd, bool(form.nonnegative[0]))
         name = form.effect.name
         kind = f"re-estimate {name}" if form.replaces_own_constant else name
         joint = () if form.key[1] is None else (form.key[1],)
-        return Hypothesis(kind, joint, prior, chain, further=further, effect=form.text)
+        return Hypothesis(
+            kind, joint, prior, transform, extra_torque=extra, effect=form.text
+        )
 
     def propose(self, evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         """Yield all candidates whose effect is not taken on their joint yet."""
-        taken = {id(x.columns) for x in fit.view.further}
+        taken = {id(x.columns) for x in fit.view.extra_torques}
         keys = {
             h.key
             for h in self.forms
-            if h.further is not None and id(h.further.columns) in taken
+            if h.extra_torque is not None and id(h.extra_torque.columns) in taken
         }
         yield from (h for h in self.forms if h.key not in keys)
 

@@ -161,10 +161,11 @@ def _log_odds_of_truth(arm: Arm, corruption: Corruption) -> float:
         return np.inf
     fits = [x.fit(LogView(x.log.as_logged), 1.0) for x in (spoiled, clean)]
     v = min(
-        x.rows_worth_one(fit) for x, fit in zip((spoiled, clean), fits, strict=True)
+        x.estimate_rows_worth_one(fit)
+        for x, fit in zip((spoiled, clean), fits, strict=True)
     )
     values = [
-        x.fitted([fit], v)[0].value
+        x.fitted([fit], v)[0].log_evidence
         for x, fit in zip((spoiled, clean), fits, strict=True)
     ]
     return values[1] - values[0]

@@ -80,14 +80,14 @@ def issues_of_all(
     for fault in list_faults(log, net):
         if fault.is_gain and not has_gains:
             continue
-        claims = [x for x in verdict.claims_of_all() if _is_about(x, fault)]
+        claims = [x for x in verdict.claims_on_all_rows() if _is_about(x, fault)]
         if fault.kind == DRIFT and len(runs) > 1:
             fault = drift_of_runs(fault, runs)
         issues.append(graded(_of_fault(log, fault, claims, net), verdict, claims))
     for claim in verdict.claims:
         if claim.hypothesis.by_controller:
             issue = graded(_of_controller(claim), verdict, [claim])
-            if claim.hypothesis.further is not None and not has_gains:
+            if claim.hypothesis.extra_torque is not None and not has_gains:
                 issue = with_rival_effects(issue, ["each channel's own drive gain"])
             issues.append(issue)
     return issues
@@ -129,7 +129,7 @@ def _of_claim(claim: Claim, rivals: Sequence[str], why: str, **said: Any) -> Iss
 def _log_fall(claim: Claim) -> float:
     """Return the natural logarithm by which a claim lowers the squared residual of the
     joint that gains most."""
-    return float(np.log(claim.before.left / claim.fit.left).max())
+    return float(np.log(claim.before.energy_left / claim.fit.energy_left).max())
 
 
 def _rivals_of(claim: Claim) -> list[str]:
@@ -165,9 +165,9 @@ def _of_fault(
     figures = {"joints": [j + 1 for j in fault.joints], **fault.figures}
     figures["log_odds"] = float(sum(claim.log_odds for claim in claims))
     what, is_known = fault.what, True
-    if fault.number is not None and claims and claims[-1].spread > 0.0:
+    if fault.number is not None and claims and claims[-1].std > 0.0:
         size = fault.number.size_in(net)
-        reach = _INTERVAL * claims[-1].spread
+        reach = _INTERVAL * claims[-1].std
         ends = [size - reach, size + reach]
         is_known = reach < fault.number.known_within
         figures["interval"] = ends
@@ -236,8 +236,8 @@ def _of_rival(
     )
     faults = list[Fault]()
     if h.part is None:
-        before = {x.sentence for x in list_faults(log, claims[0].before.chain)}
-        of_rival = list_faults(log, rival.fit.chain)
+        before = {x.sentence for x in list_faults(log, claims[0].before.transform)}
+        of_rival = list_faults(log, rival.fit.transform)
         faults = [x for x in of_rival if x.sentence not in before]
     if not faults:
         whose = f" of {joints_text(h.joints)}" if h.joints else ""
@@ -247,7 +247,7 @@ def _of_rival(
         remedy=", ".join(x.remedy for x in faults),
     )
     if all(x.apply for x in faults):
-        repair = keep_only(log, rival.fit.chain, faults).apply
+        repair = keep_only(log, rival.fit.transform, faults).apply
         return replace(issue, repair=repair, apply=" ".join(x.apply for x in faults))
     return replace(issue, gravity=faults[0].gravity) if len(faults) == 1 else issue
 
@@ -286,9 +286,9 @@ def repair_of(claim: Claim) -> LogTransform | None:
     """Return what makes the rows of a part those of the others' arm; None for another
     load, which no change of the log can undo."""
     h = claim.hypothesis
-    if h.further is not None:
+    if h.extra_torque is not None:
         return None
-    return h.chain if h.number is None else h.number.at(h.chain, claim.size)
+    return h.transform if h.number is None else h.number.at(h.transform, claim.size)
 
 
 def issue_of_difference(
@@ -318,7 +318,7 @@ def issue_of_difference(
         what, remedy = _DIFFERENCES[h.kind]
         more, weight = ("less", "a lighter") if size < 0.0 else ("more", "a heavier")
         unit = log.torque_unit(h.joints[0]) if h.joints else "kg"
-        half = _INTERVAL * claim.spread
+        half = _INTERVAL * claim.std
         amount = formatting.amount_or_open(size, half, unit)
         what = what.format(
             run=name,
@@ -358,7 +358,7 @@ def issue_of_difference(
         apply=apply,
         position_unit=h.position_unit,
         is_gain=is_gain,
-        is_another_arm=h.further is not None,
+        is_another_arm=h.extra_torque is not None,
         joints=h.joints,
         run=name,
         size=size,

@@ -1,4 +1,4 @@
-"""One race of what may explain a log's torques: faults of the measuring chain, what differs
+"""One race of what may explain a log's torques: faults of the measuring transform, what differs
 in one run, and effects of the arm that resemble them.
 
 :class:`race.Race` is the race; kinds/ has the hypotheses, one file each; evidence.py the

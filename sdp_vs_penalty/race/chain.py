@@ -73,7 +73,7 @@ class _Entries:
             return later * first
         return later + first if self.composed == "sum" else later
 
-    def change_alike(self, own: float, before: float, after: float) -> float:
+    def apply_change(self, own: float, before: float, after: float) -> float:
         """Return a number with what ``after`` changes of ``before``."""
         if self.composed == "product":
             return own * after / before
@@ -104,7 +104,7 @@ class LogTransform:
     #: Gravity in the base frame that the model assumes [m/s^2].
     gravity: tuple[float, ...]
     #: Share of the arm's weight that each torque lacks [-].
-    lacks: Annotated[Numbers, _Entries(0.0, "sum")]
+    missing_weight: Annotated[Numbers, _Entries(0.0, "sum")]
     #: Largest torque over an amplifier's limit [-].
     bend: Annotated[Numbers, _Entries(0.0, "later", "tau_order")]
     #: Largest torque of a drive, in the place of commands beyond it [N m, N]; 0: any.
@@ -219,7 +219,7 @@ class LogTransform:
         """:attr:`motion_part` with events and missing weight undone as well. The
         columns of the links' parameters depend on this part alone, and are cached by
         it."""
-        return self.motion_part.with_defaults("lacks", "events")
+        return self.motion_part.with_defaults("missing_weight", "events")
 
     def with_defaults(self, *names: str) -> LogTransform:
         """Return the repair with the named fields as in a log without a fault; itself
@@ -264,13 +264,13 @@ class LogTransform:
             events=(*drifts, *later.events),
         )
 
-    def changed_alike(self, before: LogTransform, after: LogTransform) -> LogTransform:
+    def with_change(self, before: LogTransform, after: LogTransform) -> LogTransform:
         """Return this transform with what ``after`` changes of ``before``: its numbers as
         their fields say, and else its entries."""
         changed: dict[str, Any] = {"rate": self.rate * after.rate / before.rate}
         for name, entries in ENTRIES.items():
             three = (getattr(x, name) for x in (self, before, after))
-            changed[name] = tuple(map(entries.change_alike, *three))
+            changed[name] = tuple(map(entries.apply_change, *three))
         for name in ("order", "tau_order"):
             of_joints = zip(
                 *(getattr(x, name) for x in (self, before, after)), strict=True
@@ -286,7 +286,9 @@ class LogTransform:
         """Gravity vector [m/s^2] whose weight the torques hold: that of the model times 1 - s,
         if all torques lack the same share s of the weight (a controller compensates it);
         otherwise the gravity as it is."""
-        share = 1.0 - self.lacks[0] if len(set(self.lacks)) == 1 else 1.0
+        share = (
+            1.0 - self.missing_weight[0] if len(set(self.missing_weight)) == 1 else 1.0
+        )
         return tuple(float(round(share * g, 3)) + 0.0 for g in self.gravity)
 
     @cached_property
@@ -377,7 +379,7 @@ class LogTransform:
             The run repaired; itself where nothing of the log changes.
         """
         unchanged = self.unchanged(self.n, self.gravity)
-        if self.with_defaults("lacks", "bend", "events") == unchanged:
+        if self.with_defaults("missing_weight", "bend", "events") == unchanged:
             return run
         t = run.t
         is_inside = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])

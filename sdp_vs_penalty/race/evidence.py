@@ -3,7 +3,7 @@
 One arm is fitted to the torques of all joints. With E_j and S_j the squared torque of joint
 j and what the arm leaves of it, N_j its independent rows less the columns of its own motion
 (friction, rotor, offset and the laws that arms have and models lack, projected out), theta
-(s,) the links' independent parameters and the sizes of further columns, with their prior
+(s,) the links' independent parameters and the sizes of extra columns, with their prior
 N(m, P^-1), A_j their columns:
 
     log p = -1/2 sum_j N_j log(S_j / E_j) - 1/2 (theta - m)^T P (theta - m)
@@ -64,7 +64,7 @@ class _Prior(NamedTuple):
 class _Columns:
     """What all fits to one motion share, of n joints, M rows and s parameters."""
 
-    #: Columns of the links and further ones, and a basis of each joint's own.
+    #: Columns of the links and extra ones, and a basis of each joint's own.
     rows: RepairedRows
     #: (n, M) the probe of friction's power: velocity without its part in proportion to the
     #: acceleration, of unit norm, so that an inertia has no part in the power.
@@ -92,51 +92,51 @@ class ViewFit:
     #: (n,) product of the probe with the torque.
     probed: Array
     #: Number of correlated rows that are worth one independent row.
-    v: float = 1.0
-    #: (s,) parameters of the links, then sizes of further columns.
+    rows_worth_one: float = 1.0
+    #: (s,) parameters of the links, then sizes of extra columns.
     theta: Array = None  # type: ignore[assignment]
     #: Size of the arm beside the nominal one [-].
     scale: float = 1.0
     #: (n,) squared residual.
-    left: Array = None  # type: ignore[assignment]
+    energy_left: Array = None  # type: ignore[assignment]
     #: (n,) weights of the rows with which they were fitted.
     weights: Array = None  # type: ignore[assignment]
     #: (s, s) information on the parameters, prior included.
     information: Array = None  # type: ignore[assignment]
     #: Log evidence.
-    value: float = 0.0
+    log_evidence: float = 0.0
     #: Log evidence of friction's power, whether or not ``value`` holds it.
-    physics: float = 0.0
+    friction_evidence: float = 0.0
     #: Log evidence that is lost since the links are not the nominal ones.
     cost_of_links: float = 0.0
 
     @property
-    def chain(self) -> LogTransform:
+    def transform(self) -> LogTransform:
         """What is done to all rows."""
-        return self.view.chain
+        return self.view.transform
 
     @property
     def links(self) -> Array:
         """(s,) parameters of the links."""
-        n_further = sum(len(further.sd) for further in self.view.further)
-        return self.theta[: len(self.theta) - n_further]
+        n_extra = sum(len(extra.sd) for extra in self.view.extra_torques)
+        return self.theta[: len(self.theta) - n_extra]
 
     @property
-    def shares(self) -> Array:
+    def shares_left(self) -> Array:
         """(n,) share of each torque's energy that is left."""
-        return self.left / self.total
+        return self.energy_left / self.total
 
     @property
     def is_poorly_explained(self) -> Mask:
         """(n,) whether the arm leaves more of a joint's torque than errors of friction laws
         and filters: its logged motion may be wrong."""
-        return self.shares > c.POORLY
+        return self.shares_left > c.POORLY
 
     @property
     def is_badly_explained(self) -> bool:
         """Whether much is left of a moving joint's torque: something is missing, or two
         mistakes were made."""
-        return bool((self.shares[self.weights > 0.0] > c.BADLY).any())
+        return bool((self.shares_left[self.weights > 0.0] > c.BADLY).any())
 
     @property
     def may_be_rearranged(self) -> bool:
@@ -154,10 +154,10 @@ class _Arms:
     theta: Array
     #: (K,) size of the arm beside the nominal one [-].
     scale: Array
-    #: (K, s) unit of each parameter: that size of links, 1 of further columns.
+    #: (K, s) unit of each parameter: that size of links, 1 of extra columns.
     unit: Array
     #: (K, n) squared residuals.
-    left: Array
+    energy_left: Array
     #: (K, n) weights of the rows with which they were fitted.
     weights: Array
     #: (K, s, s) inverse covariance of the parameters beforehand, of links of that size.
@@ -217,43 +217,51 @@ class _Products:
     def fit_arms(
         self, n_rows: Array, prior: _Prior, n_links: int, rounds: int
     ) -> _Arms:
-        """Fit an arm to each view, of n_rows (K, n) independent rows of each joint.
+        """Fit an arm to each view by iteratively reweighted least squares.
 
-        Each round weights a joint's rows by its residual. It also scales the prior of the
-        links, the first ``n_links`` parameters, by the size of the arm beside the nominal
-        one. The first round takes the size of the torques, since a prior of a wrong size
-        would pull the fit to that size.
+        Each round weights a joint's rows by its residual, and scales the prior of the
+        links by the size of the arm relative to the nominal one. The first round takes the
+        size of the torques, since a prior of a wrong size would pull the fit to that size.
+
+        Parameters
+        ----------
+        n_rows : (K, n) array
+            Numbers of independent rows.
+        n_links : int
+            How many of the first parameters are the links'.
         """
         mean, inverse = prior.mean, prior.inverse
         s, count = len(mean), len(n_rows)
         is_link = np.arange(s) < n_links
-        left = np.maximum(self.energy, c.FLOOR * self.total)
+        energy_left = np.maximum(self.energy, c.FLOOR * self.total)
         of_nominal = self._of_nominal_arm(mean)
         scale = _sizes(self.energy, of_nominal)
-        shown, change = np.empty((count, s, s)), np.empty_like(left)
+        information_of_rows = np.empty((count, s, s))
+        change = np.empty_like(energy_left)
         for _ in range(rounds):
-            weights = n_rows / left  # (K, n)
+            weights = n_rows / energy_left  # (K, n)
             for at, gram in self.grams:
                 flat = weights[at] @ gram.reshape(-1, s * s)
-                shown[at] = flat.reshape(-1, s, s)
+                information_of_rows[at] = flat.reshape(-1, s, s)
             unit = np.where(is_link, scale[:, None], 1.0)  # (K, s)
             scaled_inverse = inverse / (unit[:, :, None] * unit[:, None, :])
             right = (weights[:, None] @ self.cross)[:, 0] + (inverse @ mean) / unit
-            information = shown + scaled_inverse
+            information = information_of_rows + scaled_inverse
             theta = np.linalg.solve(information, right[..., None])[..., 0]
+            # Change of the squared residual: theta^T G theta - 2 theta^T c.
             for at, gram in self.grams:
-                image = (theta[at] @ gram).swapaxes(0, 1)  # (k, n, s)
-                slope = image - 2.0 * self.cross[at]
-                change[at] = (slope @ theta[at, :, None])[..., 0]
-            left = np.maximum(self.energy + change, c.FLOOR * self.total)
-            nominal = shown @ mean  # (K, s)
+                gram_theta = (theta[at] @ gram).swapaxes(0, 1)  # (k, n, s)
+                factor = gram_theta - 2.0 * self.cross[at]
+                change[at] = (factor @ theta[at, :, None])[..., 0]
+            energy_left = np.maximum(self.energy + change, c.FLOOR * self.total)
+            nominal = information_of_rows @ mean  # (K, s)
             likeness = np.sum(theta * nominal, axis=1)
-            scale = _sizes(np.maximum(self.energy - left, 0.0), of_nominal)
+            scale = _sizes(np.maximum(self.energy - energy_left, 0.0), of_nominal)
         return _Arms(
             theta=theta,
             scale=scale,
             unit=unit,
-            left=left,
+            energy_left=energy_left,
             weights=weights,
             prior=scaled_inverse,
             information=information,
@@ -263,33 +271,101 @@ class _Products:
 
 
 def _sizes(energy: Array, of_nominal: Array) -> Array:
-    """Return the size (K,) of arms beside the nominal one: the median over the joints of
-    torque over nominal torque, by squared torques (K, n); 1 where the nominal arm has no
-    torque.
+    """Return the size (K,) of arms relative to the nominal one [-].
 
-    Of the median, no single joint sets the size of the others.
+    It is the median over the joints of torque over nominal torque, from squared torques
+    (K, n), so that no single joint sets it; 1 where the nominal arm has no torque.
     """
     sizes = np.sqrt(energy / nonzero_or_one(of_nominal))
     ranked = np.sort(np.where(of_nominal > 0.0, sizes, 1.0), axis=1)
     n = ranked.shape[1]
     # Faster than NumPy's median, of few joints.
-    of_median = 0.5 * (ranked[:, (n - 1) // 2] + ranked[:, n // 2])
-    return np.asarray(np.clip(nonzero_or_one(of_median), 1e-9, 1e9))
+    median = 0.5 * (ranked[:, (n - 1) // 2] + ranked[:, n // 2])
+    return np.asarray(np.clip(nonzero_or_one(median), 1e-9, 1e9))
 
 
 def _evidence_of_fit(arms: _Arms, total: Array, n_rows: Array, prior: _Prior) -> Array:
-    """Return the log evidence (K,) of fitted arms, without that of friction and of their
-    links: the module's equation, less the price of a size of the whole arm that is not the
-    nominal one.
+    """Return the log evidence (K,) of the fit and of the number of parameters.
 
-    total, n_rows (K, n) : squared torques, and numbers of independent rows.
+    It is -1/2 sum N log(S / E) - 1/2 log det(H P^-1) of the module's equation, less the
+    price of an arm whose size is not the nominal one.
+
+    total, n_rows (K, n) : squared torques E, and numbers N of independent rows.
     """
-    value = -0.5 * np.sum(n_rows * np.log(arms.left / total), axis=1)
+    value = -0.5 * np.sum(n_rows * np.log(arms.energy_left / total), axis=1)
     value -= 0.5 * (np.linalg.slogdet(arms.information)[1] - prior.log_determinant)
     value -= np.sum(np.log(arms.unit), axis=1)
     cost_of_scale = 0.5 * (np.log(arms.unit[:, 0]) / c.MASSES_KNOWN) ** 2
     value -= np.minimum(cost_of_scale, c.LOG_ODDS_AGAINST_FAULT)
     return np.asarray(value)
+
+
+class _Friction(NamedTuple):
+    """Power that friction takes under K views, of n moving joints."""
+
+    #: (K, n) product of the probe of unit norm with the torque that the links do not
+    #: explain: positive where friction brakes.
+    power: Array
+    #: (K, n) its standard deviation.
+    sd: Array
+
+    def evidence_of_dissipation(self, directions: Array) -> Array:
+        """Return the log evidence (K,) that friction takes power: sum_j log 2 Phi(z_j), z_j
+        the power over its standard deviation.
+
+        directions : (K,) -1 where time runs backwards, else 1.
+        """
+        z = directions[:, None] * self.power / self.sd
+        log_odds = np.log(2.0) + log_ndtr(z)
+        return np.sum(np.maximum(log_odds, -c.MAX_PHYSICS_LOG_ODDS), axis=1)
+
+    def evidence_of_compensation(self, total: Array) -> Array:
+        """Return the log evidence (K,) that a controller compensates friction, which leaves
+        little of it, of either sign; total (K, n) : squared torques."""
+        shares = self.power / np.sqrt(total)
+        cost = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
+        return -np.sum(cost, axis=1)
+
+
+def _friction(
+    products: _Products, arms: _Arms, n_rows: Array, variance: Array
+) -> _Friction:
+    """Return the power of friction under each view.
+
+    n_rows, variance (K, n) : numbers of independent rows; variance of the power by that of
+    the arm's parameters, to which that of the noise is added.
+    """
+    of_arms = (products.probe_on_columns @ arms.theta[..., None])[..., 0]
+    sd = np.sqrt(np.maximum(arms.energy_left / n_rows + variance, _TINY))
+    return _Friction(products.probe_on_torque - of_arms, sd)
+
+
+def _variances(arms: _Arms, columns: Array) -> Array:
+    """Return the variances (K, r) of r linear functions of each arm's parameters, by their
+    coefficients (K, s, r)."""
+    return np.asarray(
+        np.sum(columns * np.linalg.solve(arms.information, columns), axis=1)
+    )
+
+
+def _cost_of_links(arms: _Arms, prior: _Prior, variance: Array) -> Array:
+    """Return the log evidence (K,) that arms lose because their links are not the nominal
+    ones.
+
+    The links must also resemble the nominal ones rather than their mirror image, unless
+    their centres are so near the axes that they may lie on the other side.
+    variance : (K,) of the likeness.
+    """
+    z = arms.likeness / np.sqrt(np.maximum(variance, _TINY))
+    log_odds_of_mirror = np.log(2.0) + log_ndtr(z)
+    prior_sd = np.sqrt(np.sum(arms.nominal * (arms.nominal @ prior.of_centres), axis=1))
+    prior_z = arms.nominal @ prior.mean / np.maximum(prior_sd, _TINY)
+    least = np.maximum(np.log(2.0) + log_ndtr(-prior_z), -c.MAX_PHYSICS_LOG_ODDS)
+    difference = arms.theta - prior.mean * arms.unit
+    squares = difference * (arms.prior @ difference[..., None])[..., 0]
+    return np.asarray(
+        0.5 * np.sum(squares, axis=1) - np.maximum(log_odds_of_mirror, least)
+    )
 
 
 class Evidence:
@@ -321,39 +397,50 @@ class Evidence:
         three times as large for a link that is a guess, and for the centre of the last
         link, which may carry a tool.
         """
-        data, problem = self.log.data, self.log.problem
+        data = self.log.data
         if data.shared is None:
             return _Prior(np.zeros(0), np.zeros((0, 0)), 0.0, np.zeros((0, 0)))
         dependence = data.dependence
+        links = self.log.problem.prior_links
+        sd_of_links, sd_of_centres = self._sd_of_links()
+        p = len(data.shared.parameters)
+        rigid = data.shared.rigid_indices
+        # Couplings, and other parameters that joints share, may be as large as a link's.
+        mean, sd = np.zeros(p), np.full(p, np.median(sd_of_links[:, 0], axis=0))
+        mean[rigid] = links.ravel()[: len(rigid)]
+        sd[rigid] = sd_of_links.ravel()[: len(rigid)]
+        covariance = (dependence * sd**2) @ dependence.T
+        sd = np.zeros(p)
+        sd[rigid] = sd_of_centres.ravel()[: len(rigid)]
+        of_centres = (dependence * sd**2) @ dependence.T
+        variances = np.diag(covariance)
+        # A little more, so that the covariance has an inverse.
+        ridge = 1e-9 * variances + 1e-14 * variances.sum()
+        covariance = covariance + np.diag(ridge)
+        inverse = np.linalg.inv(covariance)
+        inverse = 0.5 * (inverse + inverse.T)
+        log_determinant = -float(np.linalg.slogdet(covariance)[1])
+        return _Prior(dependence @ mean, inverse, log_determinant, of_centres)
+
+    def _sd_of_links(self) -> tuple[Array, Array]:
+        """Return the prior standard deviations (links, 10) of the links' standard
+        parameters, and what errors of a URDF's centres of mass contribute (links, 10);
+        see :meth:`_prior_of_links`."""
+        problem = self.log.problem
         links = problem.prior_links
         reach = np.maximum(problem.robot.link_reach(), 0.05)
         reach = np.resize(reach, len(links))
         mass = links[:, 0] + 0.05 * np.median(links[:, 0]) + 1e-3
         mass = mass * np.where(problem.guessed_links, _GUESSED, 1.0)
-        spread = np.empty((len(links), 10))
-        spread[:, 0] = 0.5 * mass
-        centres = np.zeros_like(spread)
+        sd = np.empty((len(links), 10))
+        sd[:, 0] = 0.5 * mass
+        centres = np.zeros_like(sd)
         centres[:, 1:4] = _CENTRE * (mass * reach)[:, None]
-        spread[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + centres[:, 1:4]
-        spread[-1, 1:4] += (_GUESSED - 1.0) * centres[-1, 1:4]
+        sd[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + centres[:, 1:4]
+        sd[-1, 1:4] += (_GUESSED - 1.0) * centres[-1, 1:4]
         inertia = mass * (0.4 * reach) ** 2
-        spread[:, 4:] = inertia[:, None] + np.abs(links[:, 4:])
-        p = len(data.shared.parameters)
-        rigid = data.shared.rigid_indices
-        # Couplings, and other parameters that joints share, may be as large as a link's.
-        mean, sd = np.zeros(p), np.full(p, np.median(spread[:, 0], axis=0))
-        mean[rigid] = links.ravel()[: len(rigid)]
-        sd[rigid] = spread.ravel()[: len(rigid)]
-        covariance = (dependence * sd**2) @ dependence.T
-        sd = np.zeros(p)
-        sd[rigid] = centres.ravel()[: len(rigid)]
-        of_centres = (dependence * sd**2) @ dependence.T
-        size = np.diag(covariance)
-        covariance = covariance + np.diag(1e-9 * size + 1e-14 * size.sum())
-        inverse = np.linalg.inv(covariance)
-        inverse = 0.5 * (inverse + inverse.T)
-        log_determinant = -float(np.linalg.slogdet(covariance)[1])
-        return _Prior(dependence @ mean, inverse, log_determinant, of_centres)
+        sd[:, 4:] = inertia[:, None] + np.abs(links[:, 4:])
+        return sd, centres
 
     @property
     def covariance_of_links(self) -> Array:
@@ -361,9 +448,12 @@ class Evidence:
         return np.asarray(np.linalg.inv(self._prior.inverse), float)
 
     def nominal_size(self, columns: Array) -> float:
-        """Return the expected size of the nominal links' torques: the root of the expected
-        sum of squares, by columns (n, M, s) of the links' independent parameters. Centres
-        of mass are known as the prior says."""
+        """Return the root of the expected sum of squares of the nominal links' torques
+        [N m, N]: sqrt(tr(Y^T Y E[theta theta^T])), with the prior's error of the centres of
+        mass.
+
+        columns : (n, M, s) Y, of the links' independent parameters.
+        """
         gram = np.tensordot(columns, columns, ((0, 1), (0, 1)))
         mean = self._prior.mean
         second_moment = np.outer(mean, mean) + self._prior.of_centres
@@ -371,11 +461,11 @@ class Evidence:
 
     def _prior_of(self, view: LogView) -> _Prior:
         """Return the prior of a view's parameters: those of the links, then the sizes of
-        its further columns about zero."""
+        its extra columns about zero."""
         links = self._prior
-        if not view.further:
+        if not view.extra_torques:
             return links
-        sd = np.concatenate([further.sd for further in view.further])
+        sd = np.concatenate([extra.sd for extra in view.extra_torques])
         s = len(links.mean)
         inverse = np.diag(np.concatenate([np.zeros(s), sd**-2.0]))
         inverse[:s, :s] = links.inverse
@@ -389,86 +479,102 @@ class Evidence:
 
     @recent(8)
     def _columns(self, motion: LogView) -> _Columns:
-        """Make what all fits to one motion share."""
-        log, chain = self.log, motion.chain
-        basis, raw, mask = log.basis(chain), log.raw(chain), log.torque_mask(chain)
-        states = np.stack(self._states(chain))
+        """Make what all fits to one motion share: columns, and the probe of friction."""
+        log, transform = self.log, motion.transform
+        basis, raw = log.basis(transform), log.raw(transform)
+        mask, states = log.torque_mask(transform), self._states(transform)
         if motion.parts:
             raw, states, mask = raw.copy(), states.copy(), mask.copy()
-            own = self._own_columns(chain, chain)
-            is_own_changed = False
-            for part, transform in motion.parts:
-                at, of_part = self.rows_of(part), transform.followed_by(chain)
-                raw[:, at] = log.raw(of_part)[:, at]
-                mask[:, at] = log.torque_mask(of_part)[:, at]
-                states[:, :, at] = np.stack(self._states(of_part))[:, :, at]
-                own_of_part = self._own_columns(of_part, chain)[:, at]
-                is_own_changed |= not np.array_equal(own[:, at], own_of_part)
-                own[:, at] = own_of_part
-                for event in transform.events:
-                    column = np.zeros((*own.shape[:2], 1))
-                    column[event.joint, at] = event.shape(log.data.motion.t[at])
-                    own = np.concatenate([own, column], axis=2)
-                    is_own_changed = True
-            if is_own_changed:  # else the basis of all rows, which is cached, is that
+            for part, part_transform in motion.parts:
+                rows, of_part = (
+                    self.rows_of(part),
+                    part_transform.followed_by(transform),
+                )
+                raw[:, rows] = log.raw(of_part)[:, rows]
+                mask[:, rows] = log.torque_mask(of_part)[:, rows]
+                states[:, :, rows] = self._states(of_part)[:, :, rows]
+            own = self._own_columns_with_parts(motion)
+            if own is not None:  # else the basis of all rows, which is cached, is that
                 basis = orthonormal(own * mask[:, :, None])
-        if motion.further:
-            further = [x.columns * mask[:, :, None] for x in motion.further]
-            raw = np.concatenate([raw, *further], axis=2)
+        if motion.extra_torques:
+            extra = [x.columns * mask[:, :, None] for x in motion.extra_torques]
+            raw = np.concatenate([raw, *extra], axis=2)
         states = states - states.mean(axis=2, keepdims=True)
         velocity = without_inertial_power(*(states * mask))
-        size = np.linalg.norm(velocity, axis=1, keepdims=True)
-        probe = velocity / nonzero_or_one(size)
+        norms = np.linalg.norm(velocity, axis=1, keepdims=True)
+        probe = velocity / nonzero_or_one(norms)
         power = (probe[:, None] @ raw)[:, 0]
-        rows = RepairedRows.from_basis(basis, raw)
-        return _Columns(rows, probe, power, mask.sum(axis=1))
+        repaired = RepairedRows.from_basis(basis, raw)
+        return _Columns(repaired, probe, power, mask.sum(axis=1))
 
-    def _own_columns(self, part: LogTransform, whole: LogTransform) -> Array:
-        """Return the joints' own columns (n, M, k) under the transform of a part, for the
-        parameters that they have in the whole log. Columns of friction change their sign
-        where the part's velocity does; the offset keeps its sign."""
+    def _own_columns_with_parts(self, motion: LogView) -> Array | None:
+        """Return the joints' own columns (n, M, k) with those of each part on its rows, and
+        a column for each of its events; None if no part changes them."""
+        t = self.log.data.motion.t
+        own = self._own_columns(motion.transform, motion.transform)
+        is_changed = False
+        for part, part_transform in motion.parts:
+            rows = self.rows_of(part)
+            of_part = part_transform.followed_by(motion.transform)
+            own_of_part = self._own_columns(of_part, motion.transform)[:, rows]
+            is_changed |= not np.array_equal(own[:, rows], own_of_part)
+            own[:, rows] = own_of_part
+            for event in part_transform.events:
+                column = np.zeros((*own.shape[:2], 1))
+                column[event.joint, rows] = event.shape(t[rows])
+                own = np.concatenate([own, column], axis=2)
+                is_changed = True
+        return own if is_changed else None
+
+    def _own_columns(self, transform: LogTransform, of_all_rows: LogTransform) -> Array:
+        """Return the joints' own columns (n, M, k) under a part's transform, for the
+        parameters that belong to the transform of all rows.
+
+        Friction changes its sign where the part's velocity does; the offset keeps it.
+        """
         data = self.log.data
-        columns = data.own_columns[list(part.order)]
-        sign = np.sign(np.array(part.scale) / np.array(whole.scale))
-        of_time = np.where(data.turns, -1.0 if part.reversed else 1.0, 1.0)
+        columns = data.own_columns[list(transform.order)]
+        sign = np.sign(np.array(transform.scale) / np.array(of_all_rows.scale))
+        of_time = np.where(data.turns, -1.0 if transform.reversed else 1.0, 1.0)
         turned = columns * (sign[:, None] * of_time)[:, None, :]
         turned[:, :, OFFSET] = columns[:, :, OFFSET]
         return turned
 
-    def _states(self, chain: LogTransform) -> tuple[Array, Array]:
-        """Return velocity and acceleration (n, M) of the motors under a transform."""
-        motion = self.log.motion(chain.with_defaults("carried"))
-        return (-motion.dq.T if chain.reversed else motion.dq.T), motion.ddq.T
+    def _states(self, transform: LogTransform) -> Array:
+        """Return velocity and acceleration (2, n, M) of the motors under a transform."""
+        motion = self.log.motion(transform.with_defaults("carried"))
+        velocity = -motion.dq.T if transform.reversed else motion.dq.T
+        return np.stack([velocity, motion.ddq.T])
 
     def _torque(self, view: LogView) -> Array:
-        """Return the torque (n, M) of a view."""
-        torque = self.log.channels(view.chain)
-        for part, beside in view.parts:
-            at = self.rows_of(part)
-            of_part = self.log.channels(beside.followed_by(view.chain))
-            torque = np.where(at, of_part, torque)
+        """Return the torque (n, M) [N m, N] of a view, each part under its transform."""
+        torque = self.log.channels(view.transform)
+        for part, part_transform in view.parts:
+            of_part = self.log.channels(part_transform.followed_by(view.transform))
+            torque = np.where(self.rows_of(part), of_part, torque)
         return torque
 
     def _total(self, view: LogView, squares: Array) -> Array:
-        """Return the squared torque (n,) that residuals are divided by, so that the evidence
-        does not depend on gains; squares (n,) : squared torque of the view.
+        """Return the squared torque (n,) [(N m)^2, N^2] that squared residuals are divided
+        by, so that the evidence does not depend on gains.
 
         If parts have gains of their own, it is the squared torque without these gains,
         times each squared gain to the power of its part's share of the rows.
+        squares (n,) : squared torque of the view.
         """
         if not view.parts:
             return np.maximum(squares, _TINY)
-        total = np.sum(self.log.channels(view.chain) ** 2, axis=1)
-        for part, transform in view.parts:
+        total = np.sum(self.log.channels(view.transform) ** 2, axis=1)
+        for part, part_transform in view.parts:
             share = np.mean(self.rows_of(part))
-            total = total * np.abs(transform.torque_factors) ** (2.0 * share)
+            total = total * np.abs(part_transform.torque_factors) ** (2.0 * share)
         return np.maximum(total, _TINY)
 
     # -- fits
 
     def _unfitted(self, columns: _Columns, views: Sequence[LogView]) -> list[ViewFit]:
-        """Return what :meth:`fitted` needs of K views of one motion: fits that have the
-        products of torque and columns, and no parameters yet."""
+        """Return K views of one motion with the products of their torque and its columns,
+        but without parameters yet; see :meth:`fitted`."""
         torques = np.stack([self._torque(view) for view in views], axis=-1)  # (n, M, K)
         without_own = columns.rows.project_out_own(torques)  # (n, M, K)
         cross = columns.rows.products_with(without_own)  # (n, K, s)
@@ -487,20 +593,21 @@ class Evidence:
             for k, view in enumerate(views)
         ]
 
-    def fit(self, view: LogView, v: float) -> ViewFit:
-        """Fit one arm to the rows of one view; v : rows worth one independent row."""
+    def fit(self, view: LogView, rows_worth_one: float) -> ViewFit:
+        """Fit one arm to the rows of one view; so many correlated rows are worth one
+        independent row."""
         unfitted = self._unfitted(self._columns(view.motion), [view])
-        return self.fitted(unfitted, v)[0]
+        return self.fitted(unfitted, rows_worth_one)[0]
 
     def values(
-        self, views: Sequence[LogView], v: float, rounds: int = _ROUNDS
+        self, views: Sequence[LogView], rows_worth_one: float, rounds: int = _ROUNDS
     ) -> Array:
         """Return the log evidence (K,) of each of several views with the same number of
-        further columns.
+        extra columns.
 
         Parameters
         ----------
-        v : float
+        rows_worth_one : float
             Rows that are worth one.
         rounds : int
             Of reweighting each joint by its own residual.
@@ -513,102 +620,93 @@ class Evidence:
         at_a_time = max(1, ROWS_AT_A_TIME // self.log.data.count)
         for first in range(0, len(motions), at_a_time):
             batch = motions[first : first + at_a_time]
-            self.log.prepare_columns([x for motion in batch for x in motion.chains])
+            self.log.prepare_columns([x for motion in batch for x in motion.transforms])
             places = [k for motion in batch for k in by_motion[motion]]
             unfitted: list[ViewFit] = []
             for motion in batch:
                 of_motion = [views[k] for k in by_motion[motion]]
                 unfitted += self._unfitted(self._columns(motion), of_motion)
-            values[places] = [x.value for x in self.fitted(unfitted, v, rounds)]
+            values[places] = [
+                x.log_evidence for x in self.fitted(unfitted, rows_worth_one, rounds)
+            ]
         return values
 
     def fitted(
-        self, products: Sequence[ViewFit], v: float, rounds: int = _ROUNDS
+        self, products: Sequence[ViewFit], rows_worth_one: float, rounds: int = _ROUNDS
     ) -> list[ViewFit]:
-        """Fit one arm to each of K views with known products, for v rows that are worth
-        one; see :meth:`values`."""
+        """Fit one arm to each of K views with known products, for so many rows that are
+        worth one independent row; see :meth:`values`."""
         moving = self.log.moving
         stacked = _Products.of_views(products, moving)
-        n_rows = np.stack([self._independent(x, v) for x in products])[:, moving]
+        n_rows = np.stack([self._independent(x, rows_worth_one) for x in products])
+        n_rows = n_rows[:, moving]
         prior = self._prior_of(products[0].view)
         arms = stacked.fit_arms(n_rows, prior, len(self._prior.mean), rounds)
         value = _evidence_of_fit(arms, stacked.total, n_rows, prior)
-        value -= [self._price_of_events(x, v) for x in products]
-        value += [self._of_velocity(x.view) + self.of_ranges(x.view) for x in products]
-        # Mean power of each joint's friction (K, n), and the variance of it and of the
-        # links' likeness to the nominal ones (K, n + 1).
-        of_arms = (stacked.probe_on_columns @ arms.theta[..., None])[..., 0]
-        power = stacked.probe_on_torque - of_arms
-        known = np.concatenate(
-            [stacked.probe_on_columns, arms.nominal[:, None]], axis=1
-        )
-        known = known.swapaxes(1, 2)
-        variance = np.sum(known * np.linalg.solve(arms.information, known), axis=1)
-        directions = np.where([x.chain.reversed for x in products], -1.0, 1.0)
-        sd_of_power = np.sqrt(np.maximum(arms.left / n_rows + variance[:, :-1], _TINY))
-        log_odds = np.log(2.0) + log_ndtr(directions[:, None] * power / sd_of_power)
-        physics = np.sum(np.maximum(log_odds, -c.MAX_PHYSICS_LOG_ODDS), axis=1)
-        # The links resemble the nominal ones rather than their mirror image, unless their
-        # centres are so near the axes that they may lie on the other side.
-        sd_of_likeness = np.sqrt(np.maximum(variance[:, -1], _TINY))
-        log_odds_of_mirror = np.log(2.0) + log_ndtr(arms.likeness / sd_of_likeness)
-        beforehand = np.sqrt(
-            np.sum(arms.nominal * (arms.nominal @ prior.of_centres), axis=1)
-        )
-        expected = arms.nominal @ prior.mean / np.maximum(beforehand, _TINY)
-        least = np.maximum(np.log(2.0) + log_ndtr(-expected), -c.MAX_PHYSICS_LOG_ODDS)
-        away = arms.theta - prior.mean * arms.unit
-        cost_of_links = 0.5 * np.sum(
-            away * (arms.prior @ away[..., None])[..., 0], axis=1
-        )
-        cost_of_links -= np.maximum(log_odds_of_mirror, least)
+        value -= [self._price_of_events(x, rows_worth_one) for x in products]
+        value += [
+            self._velocity_evidence(x.view) + self.range_evidence(x.view)
+            for x in products
+        ]
+        # Of friction's power at each joint, and of the likeness to the nominal links.
+        nominal = arms.nominal[:, None]
+        by_parameter = np.concatenate([stacked.probe_on_columns, nominal], axis=1)
+        variances = _variances(arms, by_parameter.swapaxes(1, 2))  # (K, n + 1)
+        friction = _friction(stacked, arms, n_rows, variances[:, :-1])
+        directions = [-1.0 if x.transform.reversed else 1.0 for x in products]
+        dissipation = friction.evidence_of_dissipation(np.array(directions))
+        cost_of_links = _cost_of_links(arms, prior, variances[:, -1])
         value -= cost_of_links
-        # A controller that compensates friction leaves little of it, of either sign: the
-        # more is left, the more it costs.
-        shares = power / np.sqrt(stacked.total)
-        cost = np.minimum(0.5 * (shares / c.COMPENSATED) ** 2, c.MAX_PHYSICS_LOG_ODDS)
-        is_real = np.array([x.view.is_friction_real for x in products])
-        of_friction = np.where(is_real, physics, -np.sum(cost, axis=1))
+        is_dissipative = np.array([x.view.is_friction_dissipative for x in products])
+        compensation = friction.evidence_of_compensation(stacked.total)
+        of_friction = np.where(is_dissipative, dissipation, compensation)
         fits = []
         for k, of_view in enumerate(products):
-            left = of_view.total.copy()
-            left[moving] = arms.left[k]
-            weights = np.zeros(len(left))
+            energy_left = of_view.total.copy()
+            energy_left[moving] = arms.energy_left[k]
+            weights = np.zeros(len(energy_left))
             weights[moving] = arms.weights[k]
             fit = replace(
                 of_view,
-                v=v,
+                rows_worth_one=rows_worth_one,
                 theta=arms.theta[k],
                 scale=float(arms.scale[k]),
-                left=left,
+                energy_left=energy_left,
                 weights=weights,
                 information=arms.information[k],
-                value=float(value[k] + of_friction[k]),
-                physics=float(physics[k]),
+                log_evidence=float(value[k] + of_friction[k]),
+                friction_evidence=float(dissipation[k]),
                 cost_of_links=float(cost_of_links[k]),
             )
             fits.append(fit)
         return fits
 
-    def worth(self, fit: ViewFit, v: float) -> ViewFit:
-        """Return a fit with v rows worth one independent row; itself if it has this v."""
-        return fit if fit.v == v else self.fitted([fit], v)[0]
+    def with_rows_worth_one(self, fit: ViewFit, rows_worth_one: float) -> ViewFit:
+        """Return a view fitted again with so many correlated rows worth one independent
+        row; the fit itself if it has this number."""
+        if fit.rows_worth_one == rows_worth_one:
+            return fit
+        return self.fitted([fit], rows_worth_one)[0]
 
-    def _independent(self, fit: ViewFit, v: float) -> Array:
-        """Return the number (n,) of independent rows less own columns, if v rows are
-        worth one."""
-        count = fit.columns.count / v
+    def _independent(self, fit: ViewFit, rows_worth_one: float) -> Array:
+        """Return the number (n,) of independent rows of each joint, less its own columns."""
+        count = fit.columns.count / rows_worth_one
         n_own = fit.columns.rows.basis.shape[2]
         return np.maximum(count - n_own, _LEAST_SHARE * count)
 
-    def _of_velocity(self, view: LogView) -> float:
-        """Return the log evidence of the logged velocities' signs. If the velocities of a
-        run have the other sign than its positions' derivative, its rows are in reverse
-        order; if they have the same sign, its rows are in order."""
-        of_parts = {part.run: transform.reversed for part, transform in view.parts}
+    def _velocity_evidence(self, view: LogView) -> float:
+        """Return the log evidence of the logged velocities' signs: 0, or negative if a view
+        contradicts them.
+
+        A run whose velocities have the other sign than its positions' derivative has its
+        rows in reverse order; with the same sign, they are in order.
+        """
+        of_parts = {
+            part.run: part_transform.reversed for part, part_transform in view.parts
+        }
         evidence = 0.0
         for run, sign in enumerate(self.log.data.velocity_signs):
-            is_reversed = view.chain.reversed != of_parts.get(run, False)
+            is_reversed = view.transform.reversed != of_parts.get(run, False)
             if sign < 0.0 and not is_reversed:
                 evidence = min(evidence, c.VELOCITY_TURNED)
             elif sign > 0.0 and is_reversed:
@@ -617,8 +715,8 @@ class Evidence:
 
     @cached_property
     def _farthest(self) -> dict[int, Array]:
-        """(2, n) smallest and largest position of each channel, by run; only runs whose
-        angles lie far outside the joints' ranges."""
+        """Smallest and largest position (2, n) [rad, m] of each channel, by run; only of
+        runs whose angles lie far outside the joints' ranges."""
         q, runs = self.log.data.motion.q, self.log.data.run
         ends = {}
         for run in np.unique(runs).tolist():
@@ -627,38 +725,42 @@ class Evidence:
         return {run: q for run, q in ends.items() if self._is_impossible(q)}
 
     def _is_impossible(self, q: Array) -> bool:
-        """Whether angles among positions (N, n) [rad, m] are those of no joint."""
+        """Whether positions (N, n) [rad, m] have angles far outside the joints' ranges."""
         far = far_outside(self.log.problem.robot, q)
         return any(j in self.log.revolute for j in far)
 
-    def of_ranges(self, view: LogView) -> float:
-        """Return the log evidence of the joints' ranges: 0, or the lowest there is if a view
-        leaves angles far outside the ranges, however well it explains the torques. Only
-        runs that are so as logged are looked at."""
-        of_parts = {part.run: transform for part, transform in view.parts}
+    def range_evidence(self, view: LogView) -> float:
+        """Return the log evidence of the joints' ranges: -MAX_PHYSICS_LOG_ODDS if a view
+        leaves angles far outside of them, else 0.
+
+        Only runs whose angles are so as logged are looked at.
+        """
+        of_parts = {part.run: part_transform for part, part_transform in view.parts}
         for run, logged in self._farthest.items():
-            before, chain = of_parts.get(run), view.chain
-            chain = chain if before is None else before.followed_by(chain)
-            if self._is_impossible(chain.positions(logged)):
+            before, transform = of_parts.get(run), view.transform
+            transform = transform if before is None else before.followed_by(transform)
+            if self._is_impossible(transform.positions(logged)):
                 return -c.MAX_PHYSICS_LOG_ODDS
         return 0.0
 
     @staticmethod
-    def _price_of_events(fit: ViewFit, v: float) -> float:
-        """Return what the sizes of a view's events cost (Schwarz 1978)."""
-        count = np.maximum(fit.columns.count / v, 1.0)
-        events = [x for chain in fit.view.chains for x in chain.events]
+    def _price_of_events(fit: ViewFit, rows_worth_one: float) -> float:
+        """Return the log evidence that the sizes of a view's steps and drifts cost: half
+        the logarithm of a joint's independent rows for each (Schwarz 1978)."""
+        count = np.maximum(fit.columns.count / rows_worth_one, 1.0)
+        events = [x for transform in fit.view.transforms for x in transform.events]
         return sum(0.5 * float(np.log(count[x.joint])) for x in events)
 
     def residual(self, fit: ViewFit) -> Array:
-        """Return the torque (n, M) that the arm and each joint's own columns leave."""
+        """Return the torque (n, M) [N m, N] that the arm and each joint's own columns
+        leave."""
         rows = fit.columns.rows
         beside_own = rows.project_out_own(self._torque(fit.view)[:, :, None])[:, :, 0]
         return beside_own - rows.projected @ fit.theta
 
-    def rows_worth_one(self, fit: ViewFit) -> float:
-        """Return how many rows are worth one independent row, by the correlation of the
-        residual."""
+    def estimate_rows_worth_one(self, fit: ViewFit) -> float:
+        """Return how many correlated rows are worth one independent row: rows over
+        independent rows by the autocorrelation of the residual, at least 1."""
         residual = self.residual(fit)[self.log.moving]
         return max(1.0, residual.shape[1] / independent_rows(residual))
 
@@ -667,51 +769,55 @@ class Evidence:
     def slopes(
         self, fit: ViewFit, hypotheses: Sequence[Hypothesis], sizes: Sequence[float]
     ) -> Array:
-        """Return the torque (n, M, r) per unit of the number of each hypothesis at a size;
-        0 on rows that the hypothesis is not about.
+        """Return the derivative (n, M, r) of the torque by the number of each of r
+        hypotheses at a size; 0 on rows that the hypothesis is not about.
 
-        The slope by a gain is minus the modelled torque: the logged torque keeps its size,
-        and the model's is divided by the gain.
+        By the logarithm of a gain it is minus the modelled torque, since the model's torque
+        is divided by the gain; by other numbers it is a difference quotient.
         """
         modelled = self._torque(fit.view) - self.residual(fit)
         slopes = np.zeros((*modelled.shape, len(hypotheses)))
         # Hypotheses about one number of several parts share a slope: only their rows differ.
         places_by_number: dict[tuple[Number | None, float, bool], list[int]] = {}
-        for k, (h, size) in enumerate(zip(hypotheses, sizes, strict=True)):
-            places_by_number.setdefault((h.number, size, h.part is None), []).append(k)
-        # Places of columns, step of their number, transform at the size and a step on.
-        moved: list[tuple[list[int], float, LogTransform, LogTransform]] = []
+        for k, (hypothesis, size) in enumerate(zip(hypotheses, sizes, strict=True)):
+            key = hypothesis.number, size, hypothesis.part is None
+            places_by_number.setdefault(key, []).append(k)
+        # Columns, step of their number, and the transforms before and after the step.
+        steps: list[tuple[list[int], float, LogTransform, LogTransform]] = []
         for (number, size, _), places in places_by_number.items():
             assert number is not None
             if number.field == "gain":
                 for j in number.joints:
                     slopes[j][:, places] = -modelled[j][:, None]
             else:
-                h = hypotheses[places[0]]
-                now = h.at_size(fit.chain, size)
-                then = h.at_size(fit.chain, size + number.step)
-                moved.append((places, number.step, now, then))
-        chains = [*dict.fromkeys(x for _, _, now, then in moved for x in (now, then))]
-        self.log.prepare_columns(chains[: self.log.n_kept])
-        unexplained = {x: self.log.unexplained(x, fit.links) for x in chains}
-        for places, step, now, then in moved:
-            slope = (unexplained[now] - unexplained[then]) / step
+                hypothesis = hypotheses[places[0]]
+                before = hypothesis.at_size(fit.transform, size)
+                after = hypothesis.at_size(fit.transform, size + number.step)
+                steps.append((places, number.step, before, after))
+        transforms = [*dict.fromkeys(x for _, _, *both in steps for x in both)]
+        self.log.prepare_columns(transforms[: self.log.n_kept])
+        unexplained = {x: self.log.unexplained(x, fit.links) for x in transforms}
+        for places, step, before, after in steps:
+            slope = (unexplained[before] - unexplained[after]) / step
             slopes[:, :, places] = slope[:, :, None]
-        for k, h in enumerate(hypotheses):
-            if h.part is not None:
-                slopes[:, ~self.rows_of(h.part), k] = 0.0
+        for k, hypothesis in enumerate(hypotheses):
+            if hypothesis.part is not None:
+                slopes[:, ~self.rows_of(hypothesis.part), k] = 0.0
         return slopes
 
     def score_test(
         self, fit: ViewFit, columns: Array, sd: Array
     ) -> tuple[Array, Array]:
-        """Return the likeliest sizes (r,) of further columns (n, M, r), each alone, with
-        the noise as it is, and the information of the rows on each (r,).
+        """Return for each extra column, added alone to a fit, its likeliest size (r,) and
+        the information of the rows on that size (r,), to first order and with the noise as
+        it is.
 
         Parameters
         ----------
+        columns : (n, M, r) array
+            Torque per unit of each size.
         sd : (r,) array
-            Standard deviations of their sizes beforehand.
+            Prior standard deviations of the sizes.
         """
         moving = self.log.moving
         rows = fit.columns.rows
@@ -729,26 +835,26 @@ class Evidence:
     def screen(
         self, fit: ViewFit, groups: Sequence[tuple[Array, Array]]
     ) -> tuple[Array, Array]:
-        """Return log-odds and first size of each of several groups of further columns,
-        with arm and noise fitted anew to first order.
+        """Return for each of G groups of extra columns, added to a fit, the log-odds (G,)
+        and the first size (G,), with arm and noise fitted again to first order.
 
-        z is what is left of a group's columns beside the arm's and each joint's own. With
-        sizes x and the residual e, joint j's squared residual S_j becomes
+        z are a group's columns, with those of the arm and of each joint alone projected
+        out. With sizes x and the residual e, joint j's squared residual S_j becomes
         S_j - 2 x^T z_j^T e_j + x^T z_j^T z_j x.
 
         Parameters
         ----------
         groups : sequence of tuple
-            Of each its columns (n, M, r), and the standard deviations (r,) of their
-            sizes x beforehand.
+            Of each the columns (n, M, r), and the prior standard deviations (r,) of their
+            sizes x.
         """
-        columns = np.concatenate([of_group for of_group, _ in groups], axis=2)
-        sd = np.concatenate([of_group for _, of_group in groups])
-        sizes = [len(of_group) for _, of_group in groups]
+        columns = np.concatenate([group_columns for group_columns, _ in groups], axis=2)
+        sd = np.concatenate([group_sd for _, group_sd in groups])
+        n_columns = [len(group_sd) for _, group_sd in groups]
         moving = self.log.moving
         rows = fit.columns.rows
         arm = rows.projected[moving]
-        used = columns * self.log.torque_mask(fit.chain)[:, :, None]
+        used = columns * self.log.torque_mask(fit.transform)[:, :, None]
         z = rows.project_out_own(used)[moving]
         alone = np.einsum("jmr,jmr->r", z, z)
         weighted = fit.weights[moving][:, None, None] * z
@@ -756,72 +862,79 @@ class Evidence:
         z = z - arm @ np.linalg.solve(fit.information, with_arm)
         residual = self.residual(fit)[moving]
         score = (residual[:, None, :] @ z)[:, 0]
-        odds, first = np.empty(len(sizes)), np.empty(len(sizes))
-        begins = np.cumsum(sizes) - sizes
+        log_odds, first_sizes = np.empty(len(groups)), np.empty(len(groups))
+        begins = np.cumsum(n_columns) - n_columns
         # Groups of as many columns are solved at once.
-        for size in {*sizes}:
-            alike = np.flatnonzero(np.equal(sizes, size))
-            places = begins[alike][:, None] + np.arange(size)  # (G, size)
-            odds[alike], first[alike] = self._gains(
+        for count in {*n_columns}:
+            same = np.flatnonzero(np.equal(n_columns, count))
+            places = begins[same][:, None] + np.arange(count)  # (groups, count)
+            log_odds[same], first_sizes[same] = self._fit_groups(
                 fit, z[:, :, places], score[:, places], sd[places], alone[places]
             )
-        return odds, first
+        return log_odds, first_sizes
 
-    def _gains(
-        self, fit: ViewFit, z: Array, score: Array, sd: Array, alone: Array
+    def _fit_groups(
+        self, fit: ViewFit, z: Array, score: Array, sd: Array, squares: Array
     ) -> tuple[Array, Array]:
-        """Return log-odds and first size (G,) of G groups of r columns each.
+        """Return log-odds and first size (G,) of G groups of r columns each, by two rounds
+        of reweighted ridge regression; see :meth:`screen`.
 
-        z (n, M, G, r) : the columns beside the arm's of moving joints; score (n, G, r) :
-        their products with the residual; sd, alone (G, r) : standard deviations beforehand,
-        and squares before the arm's were taken out.
+        Parameters
+        ----------
+        z : (n, M, G, r) array
+            Columns of moving joints, with the arm's projected out.
+        score : (n, G, r) array
+            Their products with the residual.
+        sd, squares : (G, r) array
+            Prior standard deviations; squared norms before the arm's were projected out.
         """
         moving = self.log.moving
-        left, least = fit.left[moving], c.FLOOR * fit.total[moving]
-        n_rows = fit.weights[moving] * left
+        energy_left, least = fit.energy_left[moving], c.FLOOR * fit.total[moving]
+        n_rows = fit.weights[moving] * energy_left
         by_group = z.transpose(2, 0, 3, 1)  # (G, n, r, M)
         gram = by_group @ by_group.swapaxes(2, 3)  # (G, n, r, r)
         score = score.swapaxes(0, 1)  # (G, n, r)
         # Where the arm's parameters span a column, rounding errors must not count.
-        ridge = (sd**-2.0 + 1e-9 * alone)[:, :, None] * np.eye(sd.shape[1])
-        after = np.broadcast_to(left, score.shape[:2])
+        ridge = (sd**-2.0 + 1e-9 * squares)[:, :, None] * np.eye(sd.shape[1])
+        after = np.broadcast_to(energy_left, score.shape[:2])
         for _ in range(2):
             weights = n_rows / after  # (G, n)
             information = np.einsum("gj,gjab->gab", weights, gram)
             right = np.einsum("gj,gja->ga", weights, score)
             x = np.linalg.solve(information + ridge, right[..., None])  # (G, r, 1)
             change = (gram @ x[:, None])[..., 0] - 2.0 * score
-            after = np.maximum(left + (change @ x)[..., 0], least)
+            after = np.maximum(energy_left + (change @ x)[..., 0], least)
         scaled = np.eye(sd.shape[1]) + sd[:, :, None] * information * sd[:, None]
         x = x[..., 0]
-        odds = np.log(after / left) @ n_rows + np.sum((x / sd) ** 2, axis=1)
+        odds = np.log(after / energy_left) @ n_rows + np.sum((x / sd) ** 2, axis=1)
         return -0.5 * (odds + np.linalg.slogdet(scaled)[1]), x[:, 0]
 
     # -- the second witness
 
     def held_out(
-        self, fit: ViewFit, further: Array | None = None, span: Part | None = None
+        self, fit: ViewFit, extra: Array | None = None, span: Part | None = None
     ) -> tuple[Array, Array]:
-        """Fit an arm to all parts of the log but one, each in turn.
+        """Fit an arm to all of PARTS parts of the log but one, each in turn
+        (cross-validation).
 
         Parameters
         ----------
         span : Part, optional
             Rows of which each part has its share.
-        further : (n, M, r) array, optional
+        extra : (n, M, r) array, optional
             Columns beside those of the fit, of sizes that may be any.
 
         Returns
         -------
         errors : (PARTS, K) array
-            Share of the energy of each moving joint's torque that the arm leaves of the
-            part that it was not fitted to.
+            Squared residual on the part that the arm was not fitted to, over the mean
+            squared torque of a part, for each of K moving joints [-].
         arms : (PARTS, s + r) array
             The parameters of each arm.
         """
         moving = self.log.moving
         rows = fit.columns.rows
-        beside = [] if further is None else [further]
+        beside = [] if extra is None else [extra]
         torque = self._torque(fit.view)[:, :, None]
         columns = np.concatenate([rows.basis, rows.raw, *beside, torque], axis=2)[
             moving
@@ -837,21 +950,21 @@ class Evidence:
         others = NormalEquations.eliminating(
             grams.sum(axis=0) - grams, rows.basis.shape[2]
         )
-        # Of the sizes of ``further``, which come last, nothing is known beforehand.
+        # Of the sizes of ``extra``, which come last, nothing is known beforehand.
         prior = self._prior_of(fit.view)
         n_known, s = len(prior.mean), others.cross.shape[-1]
         mean, inverse = np.zeros(s), np.zeros((s, s))
         mean[:n_known] = prior.mean
         inverse[:n_known, :n_known] = prior.inverse
-        weights = (fit.columns.count / fit.v / fit.left)[moving]
+        weights = (fit.columns.count / fit.rows_worth_one / fit.energy_left)[moving]
         gram, cross = others.normal(weights)
         right = (cross + inverse @ mean)[..., None]
         arms = np.asarray(np.linalg.solve(gram + inverse, right)[..., 0], float)
         energy = np.maximum(grams.sum(axis=0)[:, -1, -1], _TINY)
-        left = others.left_of(grams, arms[:, None])
-        return np.maximum(c.PARTS * left / energy, c.FLOOR), arms
+        energy_left = others.left_of(grams, arms[:, None])
+        return np.maximum(c.PARTS * energy_left / energy, c.FLOOR), arms
 
-    def jackknifed_spread(self, fit: ViewFit, slope: Array) -> float:
+    def jackknifed_std(self, fit: ViewFit, slope: Array) -> float:
         """Return the jackknifed standard deviation of a number, from arms fitted without
         each part of the log.
 

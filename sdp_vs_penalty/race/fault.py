@@ -30,9 +30,10 @@ _SHARE_OF_REACH_PER_RADIAN = 0.3
 
 
 def length_like_a_radian(log: Likelihood) -> float:
-    """Return the length [m] that changes this arm's torques about as a radian does.
+    """Return the length [m] that changes an arm's torques about as much as a radian: 0.3
+    of its reach, about one link.
 
-    It is 0.3 of the arm's reach, about one link. A tolerance of angles [rad] times this
+    A tolerance of angles [rad] times this
     length is the tolerance of prismatic joints and link lengths [m].
     """
     return _SHARE_OF_REACH_PER_RADIAN * float(log.problem.robot.link_reach().sum())
@@ -49,7 +50,7 @@ def percent_text(share: float) -> str:
 
 
 def times_text(factor: float) -> str:
-    """Say how wrong a channel is that has to be multiplied by a factor."""
+    """Say how wrong a channel is that a factor repairs: "2 times too large" for 0.5."""
     if factor < 1.0:
         return f"{1.0 / factor:.3g} times too large"
     return f"{factor:.3g} times too small"
@@ -91,7 +92,7 @@ class Fault:
     in_words: Callable[[float], str] = str
     #: Function of a size that returns the number in these words, or one that rises with
     #: it.
-    number_told: Callable[[float], float] = float
+    sort_key: Callable[[float], float] = float
     #: Where the fault is, in words; empty: at its joints.
     place: str = ""
     #: The word of `--apply` that repairs a log, and the channel that it changes; None
@@ -148,5 +149,5 @@ class Fault:
         str
             The end of the smaller number first.
         """
-        first, last = map(self.in_words, sorted(ends, key=self.number_told))
+        first, last = map(self.in_words, sorted(ends, key=self.sort_key))
         return f"{first} to {last}"

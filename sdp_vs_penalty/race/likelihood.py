@@ -273,9 +273,9 @@ class Likelihood:
             Torque per unit of each parameter.
         """
         columns = self.shared(repair)
-        if any(repair.lacks):
+        if any(repair.missing_weight):
             weight = self.shared(repair, is_still=True)
-            columns = columns - np.array(repair.lacks)[:, None, None] * weight
+            columns = columns - np.array(repair.missing_weight)[:, None, None] * weight
         return columns * self.torque_mask(repair)[:, :, None]
 
     @recent(12)
@@ -375,8 +375,10 @@ class Likelihood:
         columns = self.columns(repair, is_still)[:, :, rigid]
         links = self.problem.prior_links.ravel()[: len(rigid)]
         torque = np.asarray((columns @ links).T, float)
-        if not is_still and any(repair.lacks):
-            torque = torque - np.array(repair.lacks) * self.nominal(repair, True)
+        if not is_still and any(repair.missing_weight):
+            torque = torque - np.array(repair.missing_weight) * self.nominal(
+                repair, True
+            )
         return torque
 
     @recent(20)

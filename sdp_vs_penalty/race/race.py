@@ -27,7 +27,7 @@ from sdp_vs_penalty.race.kinds import (
     sign,
 )
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Further, Hypothesis, LogView, Number, Part
+from sdp_vs_penalty.race.records import ExtraTorque, Hypothesis, LogView, Number, Part
 from sdp_vs_penalty.regression.evidence import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -36,7 +36,7 @@ from sdp_vs_penalty.robot.arrays import Array
 _STEPS, _SHORT = 8, 0.2
 #: Largest first step of a size, and largest step, in standard deviations beforehand.
 _FIRST_STEP, _LARGEST_STEP = 0.7, 1.0
-#: Rounds of reweighting at the first look.
+#: Rounds of reweighting at the first entry.
 _ROUNDS_OF_A_LOOK = 2
 #: Largest rise of a change's log-odds by a claim, beyond what the claim explains.
 _MORE_ODDS = 100.0
@@ -71,23 +71,27 @@ class Claim:
     #: Its size, in its own unit; of a load its mass [kg].
     size: float = 0.0
     #: Standard deviation of the size.
-    spread: float = 0.0
+    std: float = 0.0
     #: What its freedom costs.
     occam: float = 0.0
     #: What is as likely, the likeliest first, where it was taken.
     rivals: tuple[Claim, ...] = ()
 
-    def beside(self, before: ViewFit, fit: ViewFit) -> Claim:
-        """Return the claim with its odds by these fits, without it and with it, both
-        with the same number of rows worth one."""
-        odds = fit.value - before.value + self.prior
+    def with_fits(self, before: ViewFit, fit: ViewFit) -> Claim:
+        """Return the claim with the log-odds of a fit with it against a fit ``before``
+        without it. Both count as many rows as one independent row."""
+        odds = fit.log_evidence - before.log_evidence + self.prior
         return replace(self, log_odds=odds, fit=fit, before=before)
 
     @property
-    def is_of_all(self) -> bool:
+    def concerns_all_rows(self) -> bool:
         """Whether it is about a transform of all rows."""
-        h = self.hypothesis
-        return h.part is None and h.further is None and h.is_friction_real
+        hypothesis = self.hypothesis
+        return (
+            hypothesis.part is None
+            and hypothesis.extra_torque is None
+            and hypothesis.is_friction_dissipative
+        )
 
     @property
     def prior(self) -> float:
@@ -96,11 +100,11 @@ class Claim:
 
     @property
     def probabilities(self) -> Array:
-        """(1 + R,) probabilities of the claim and of its rivals, given that one of them is
+        """(1 + R,) probabilities of the claim and of its R rivals, given that one of them is
         right.
 
-        Log-odds of the race are too bold. They are divided so that a rival that is
-        LOG_ODDS_OF_A_CLAIM behind has odds of one to twenty.
+        They are the softmax of the log-odds, which are overconfident: they are divided
+        first, so that a rival LOG_ODDS_OF_A_CLAIM behind has odds of one to twenty.
         """
         log_odds = np.array([x.log_odds for x in (self, *self.rivals)])
         overconfidence = c.LOG_ODDS_OF_A_CLAIM / float(np.log(_LEAST_ODDS))
@@ -109,14 +113,14 @@ class Claim:
     @property
     def is_usual(self) -> bool:
         """Whether healthy arms and loggers have such a size, up to its errors."""
-        number, further = self.hypothesis.number, self.hypothesis.further
-        reach = c.SIGMAS_BEYOND_USUAL * self.spread
-        if further is not None and further.usual:
-            return abs(self.size) <= further.usual + reach
+        number, extra = self.hypothesis.number, self.hypothesis.extra_torque
+        tolerance = c.SIGMAS_BEYOND_USUAL * self.std
+        if extra is not None and extra.usual:
+            return abs(self.size) <= extra.usual + tolerance
         if number is None:
             return self.hypothesis.is_usual
         below = number.usual if number.usual_below is None else number.usual_below
-        return -below - reach <= self.size <= number.usual + reach
+        return -below - tolerance <= self.size <= number.usual + tolerance
 
 
 @dataclass(frozen=True)
@@ -132,8 +136,9 @@ class RaceOutcome:
     #: Whether the motion has few directions, in which much explains much.
     is_doubtful: bool = False
 
-    def claims_of_all(self) -> list[Claim]:
-        """List the faults of the log that all its rows share."""
+    def claims_on_all_rows(self) -> list[Claim]:
+        """List the claims about faults of the log that all its rows have: no effects of
+        the arm, and no differences of one part."""
         return [
             claim
             for claim in self.claims
@@ -144,19 +149,19 @@ class RaceOutcome:
         """Whether a claim may be called likely.
 
         Its log-odds must be at least LIKELY: claims of such odds have been right. And the
-        arm must leave little of the torques, or the claim must explain half of what was
-        left. A claim that friction's sign alone shows has no second witness, nor has one of
-        a motion of few directions. No claim is surer than the unit of positions before it.
+        arm must explain the torques well, or the claim must halve the unexplained energy.
+        Three kinds of claims are never likely: those that only friction's sign shows, those
+        of a motion of few directions, and all while the unit of positions has a rival.
         """
         first = self.claims[0]
         is_unit_open = first.hypothesis.position_unit is not None
-        is_unit_open &= any(x.is_of_all for x in first.rivals)
+        is_unit_open &= any(x.concerns_all_rows for x in first.rivals)
         has_no_witness = claim.hypothesis.tells_by_friction or self.is_doubtful
         has_no_witness |= is_unit_open
         if has_no_witness or claim.log_odds < c.LIKELY:
             return False
         moving = self.fit.weights > 0.0
-        before, after = (x.shares[moving] for x in (claim.before, claim.fit))
+        before, after = (x.shares_left[moving] for x in (claim.before, claim.fit))
         ratio = float(after.sum() / before.sum())
         return self.is_well_explained or ratio <= 0.5
 
@@ -166,20 +171,23 @@ class RaceOutcome:
         return not self.fit.is_badly_explained
 
     def differences(self) -> list[Claim]:
-        """List what differs in a part of the log, by more than is usual."""
+        """List the claims about one part of the log, but for sizes that healthy arms and
+        loggers have as well."""
         return [x for x in self.claims if x.hypothesis.part and not x.is_usual]
 
     def without_usual(self, log: Likelihood) -> LogTransform:
-        """Return the transform of all rows that undoes what is claimed, but for sizes that
-        are usual of arms and loggers: they are no fault of the log."""
-        chain = self.view.chain
+        """Return the transform of all rows that repairs what is claimed.
+
+        Sizes that healthy arms and loggers have are not repaired: they are no fault.
+        """
+        transform = self.view.transform
         usual = {x.hypothesis.name for x in self.claims if x.is_usual}
         unusual = {x.hypothesis.name for x in self.claims if not x.is_usual}
         for name in usual - unusual:
-            for fault in list_faults(log, chain):
+            for fault in list_faults(log, transform):
                 if fault.name == name:
-                    chain = fault.without
-        return chain
+                    transform = fault.without
+        return transform
 
 
 class HeldRaces:
@@ -199,8 +207,8 @@ class HeldRaces:
         kinds: tuple[ModuleType, ...],
         is_doubtful: bool,
     ) -> RaceOutcome:
-        """Hold a race, see :class:`Race`, or return the outcome of the one about the same
-        rows of the same robot."""
+        """Return the outcome of a :class:`Race` with these arguments; that of an earlier
+        call if the rows and the robot are the same."""
         problem = logs[0].problem
         key = tuple(log.data.digest for log in logs), kinds, is_doubtful
         held = self._held.get(key)
@@ -210,7 +218,7 @@ class HeldRaces:
         return held[1]
 
 
-class _FirstLook(NamedTuple):
+class _Screened(NamedTuple):
     """What the first look, at few rows, says of a hypothesis."""
 
     #: Natural logarithm of its odds against the incumbent.
@@ -227,7 +235,7 @@ class _FoundSize(NamedTuple):
     #: In its own unit.
     size: float = 0.0
     #: Its standard deviation.
-    spread: float = 0.0
+    std: float = 0.0
     #: Natural logarithm of the odds that the freedom of the size costs.
     occam: float = 0.0
 
@@ -248,121 +256,175 @@ class Race:
         """Take the rows of all runs, thinned to as many as one run has."""
         self.kinds = kinds
         self.is_doubtful = is_doubtful
-        self.all = Evidence(Likelihood.of_all_runs(logs).with_all_laws)
-        self.few = self.all.of_rows(slice(None, None, c.THIN))
+        self.all_rows = Evidence(Likelihood.of_all_runs(logs).with_all_laws)
+        self.few_rows = self.all_rows.of_rows(slice(None, None, c.THIN))
         #: Log-odds of changes at the first look, by key and place among those of a key.
-        self.looked_at: dict[object, float] = {}
+        self.first_looks: dict[object, float] = {}
         #: Rows beside those of a run, by the run.
         self._others: dict[Part, Evidence] = {}
 
     def run(self) -> RaceOutcome:
-        """Take the best hypothesis until none is likely."""
+        """Take the best hypothesis until none is likely.
+
+        After each, the claims that were taken before are judged again beside it.
+        """
         taken: list[Claim] = []
-        fit = self._incumbent(LogView(self.all.log.as_logged))
+        fit = self._fit_incumbent(LogView(self.all_rows.log.as_logged))
         while len(taken) < c.MAX_FAULTS:
             last = taken[-1].log_odds if taken else np.inf
-            claim = self._best(fit, last + _MORE_ODDS)
+            claim = self._best_claim(fit, last + _MORE_ODDS)
             if claim is None:
                 break
-            taken.append(self._looked_ahead(claim, fit))
-            fit = self._incumbent(taken[-1].fit.view)
+            taken.append(self._choose_by_looking_ahead(claim, fit))
+            fit = self._fit_incumbent(taken[-1].fit.view)
             for place in range(len(taken) - 1):
-                taken[place], fit = self._again(taken[place], fit)
-        own = [x.log_odds - c.MAX_PHYSICS_LOG_ODDS for x in taken[:1]]
-        is_open = max(own, default=np.inf) < c.LOG_ODDS_OF_A_CLAIM
-        if is_open and fit.is_badly_explained and self._is_by_ranges(taken[0]):
-            # The torques tell no unit, which is then asked for.
-            none = self._incumbent(LogView(self.all.log.as_logged))
-            return RaceOutcome((), none.view, none, self.is_doubtful)
+                taken[place], fit = self._rejudge(taken[place], fit)
+        if taken and self._must_ask_for_unit(taken[0], fit):
+            as_logged = self._fit_incumbent(LogView(self.all_rows.log.as_logged))
+            return RaceOutcome((), as_logged.view, as_logged, self.is_doubtful)
         return RaceOutcome(tuple(taken), fit.view, fit, self.is_doubtful)
+
+    def _must_ask_for_unit(self, claim: Claim, fit: ViewFit) -> bool:
+        """Whether only the joints' ranges, and not the torques, speak for the first claim,
+        a unit of positions: the user is then asked for it."""
+        without_ranges = claim.log_odds - c.MAX_PHYSICS_LOG_ODDS
+        is_open = without_ranges < c.LOG_ODDS_OF_A_CLAIM
+        return is_open and fit.is_badly_explained and self._is_by_ranges(claim)
 
     def _is_by_ranges(self, claim: Claim) -> bool:
         """Whether the joints' ranges speak for a claim."""
-        before, after = (self.all.of_ranges(x.view) for x in (claim.before, claim.fit))
+        before, after = (
+            self.all_rows.range_evidence(x.view) for x in (claim.before, claim.fit)
+        )
         return before < after
 
-    def _looked_ahead(self, claim: Claim, fit: ViewFit) -> Claim:
+    def _choose_by_looking_ahead(self, claim: Claim, fit: ViewFit) -> Claim:
         """Return a claim, or the rival of it that explains more together with the next
-        claim: two faults hide each other. If the joints' ranges ask for a unit of
-        positions, units that are more usual count as rivals."""
-        firsts = [claim, *(x for x in claim.rivals if x.is_of_all)]
+        claim: two faults hide each other.
+
+        ``fit`` is that of the incumbent, without the claim.
+        """
+        firsts = [claim, *(x for x in claim.rivals if x.concerns_all_rows)]
         if self._is_by_ranges(claim):
-            for h in position_unit.propose(self.all, fit):
-                usual = Claim(h, 0.0, self.all.fit(h.applied_to(fit.view), fit.v), fit)
-                is_known = any(_is_same(usual, x) for x in firsts)
-                if usual.prior > claim.prior and not is_known:
-                    firsts += [usual] * self._is_by_ranges(usual)
-        if len(firsts) < 2 or not claim.is_of_all:
+            firsts += self._likelier_units(claim, fit, firsts)
+        if len(firsts) < 2 or not claim.concerns_all_rows:
             return claim
-        known = self.looked_at
-        # Of each first claim: the prior of it and of the next one, and the fit with both.
-        ends: list[tuple[Claim, float, ViewFit]] = []
-        for first in firsts:
-            self.looked_at = {}
-            with_first = self._incumbent(first.fit.view)
-            second = self._best(with_first, np.inf)
-            if second is None:
-                ends.append((first, first.prior, with_first))
-            else:
-                ends.append((first, first.prior + second.prior, second.fit))
-        self.looked_at = known
-        v = min(fit.v for _, _, fit in ends)
-        odds = [prior + self.all.worth(fit, v).value for _, prior, fit in ends]
-        best = ends[int(np.argmax(odds))][0]
+        log_odds = self._log_odds_with_next_claims(firsts)
+        best = firsts[int(np.argmax(log_odds))]
         others = [x for x in (claim, *claim.rivals) if x is not best]
         return replace(best, rivals=tuple(others))
 
-    def _again(self, claim: Claim, fit: ViewFit) -> tuple[Claim, ViewFit]:
-        """Judge a claim and its rivals again beside the claims that were taken after it.
+    def _likelier_units(
+        self, claim: Claim, fit: ViewFit, known: Sequence[Claim]
+    ) -> list[Claim]:
+        """List the units of positions for which the joints' ranges speak as well, and
+        whose prior is larger than that of a claim; those ``known`` are left out."""
+        units: list[Claim] = []
+        for hypothesis in position_unit.propose(self.all_rows, fit):
+            view = hypothesis.applied_to(fit.view)
+            unit = Claim(
+                hypothesis, 0.0, self.all_rows.fit(view, fit.rows_worth_one), before=fit
+            )
+            is_known = any(_is_same(unit, x) for x in (*known, *units))
+            if unit.prior > claim.prior and not is_known and self._is_by_ranges(unit):
+                units.append(unit)
+        return units
+
+    def _log_odds_with_next_claims(self, firsts: Sequence[Claim]) -> list[float]:
+        """Return for each claim the log evidence, and the prior, of the claim together
+        with the best claim after it."""
+        remembered = self.first_looks
+        ends: list[tuple[float, ViewFit]] = []  # prior and fit of both claims
+        for first in firsts:
+            self.first_looks = {}
+            with_first = self._fit_incumbent(first.fit.view)
+            second = self._best_claim(with_first, np.inf)
+            if second is None:
+                ends.append((first.prior, with_first))
+            else:
+                ends.append((first.prior + second.prior, second.fit))
+        self.first_looks = remembered
+        rows_worth_one = min(fit.rows_worth_one for _, fit in ends)
+        return [
+            prior + self.all_rows.with_rows_worth_one(fit, rows_worth_one).log_evidence
+            for prior, fit in ends
+        ]
+
+    def _rejudge(self, claim: Claim, fit: ViewFit) -> tuple[Claim, ViewFit]:
+        """Judge a claim and its rivals again beside the claims that were taken after it:
+        a rival may be likelier, once a fault that hid it is undone.
+
+        Parameters
+        ----------
+        fit : ViewFit
+            With all claims that were taken.
 
         Returns
         -------
         tuple of (Claim, ViewFit)
-            The likeliest one, with those that are as likely as its rivals, and the fit with
-            all that was taken. Another one may be the likeliest, once a fault that hid it is
-            undone.
+            The likeliest one, with its rivals, and the fit with it and all other claims.
         """
-        if not claim.is_of_all:
+        if not claim.concerns_all_rows:
             return claim, fit
-        best, others = (claim, fit), list[tuple[float, Claim, ViewFit]]()
-        for rival in claim.rivals:
-            if not rival.is_of_all:
-                others.append((0.0, rival, fit))
-                continue
-            chain = rival.fit.chain.changed_alike(claim.fit.chain, fit.chain)
-            with_rival = self.all.fit(fit.view.under(chain), fit.v)
-            odds = with_rival.value - fit.value + rival.prior - claim.prior
-            others.append((odds, rival, with_rival))
+        # Log-odds of each against the claim, and the fit with it in the claim's place.
+        judged = [self._in_place_of(claim, rival, fit) for rival in claim.rivals]
         if self._is_by_ranges(claim):
-            undone = claim.before.chain.changed_alike(claim.fit.chain, fit.chain)
-            without = self.all.fit(fit.view.under(undone), fit.v)
-            claim = replace(claim, log_odds=fit.value - without.value + claim.prior)
-            best = claim, fit
-        others.append((0.0, claim, fit))
-        most = max(odds for odds, _, _ in others)
-        if most > 0.0:
-            best = next((x, y) for odds, x, y in others if odds == most)
+            undone = claim.before.transform.with_change(
+                claim.fit.transform, fit.transform
+            )
+            without = self._refit(fit, undone)
+            log_odds = fit.log_evidence - without.log_evidence + claim.prior
+            claim = replace(claim, log_odds=log_odds)
+        judged.append((0.0, claim, fit))
+        highest = max(log_odds for log_odds, _, _ in judged)
+        best, best_fit = claim, fit
+        if highest > 0.0:
+            best, best_fit = next((x, y) for odds, x, y in judged if odds == highest)
         rivals = tuple(
-            replace(x, log_odds=best[0].log_odds + odds - most)
-            for odds, x, _ in others
-            if most - odds < c.LOG_ODDS_OF_A_CLAIM and x is not best[0]
+            replace(x, log_odds=best.log_odds + odds - highest)
+            for odds, x, _ in judged
+            if highest - odds < c.LOG_ODDS_OF_A_CLAIM and x is not best
         )
-        found = fit if best[0] is claim else self._incumbent(best[1].view)
-        return replace(best[0], rivals=rivals), found
+        if best is not claim:
+            fit = self._fit_incumbent(best_fit.view)
+        return replace(best, rivals=rivals), fit
 
-    def _incumbent(self, view: LogView) -> ViewFit:
-        """Fit the rows of a view. The residual of a first fit says how many rows are worth
-        one independent row."""
-        fit = self.all.fit(view, 1.0)
-        return self.all.worth(fit, self.all.rows_worth_one(fit))
+    def _in_place_of(
+        self, claim: Claim, rival: Claim, fit: ViewFit
+    ) -> tuple[float, Claim, ViewFit]:
+        """Return the log-odds of a rival against a claim, the rival, and the fit with the
+        rival in the claim's place; ``fit`` has the claim. A rival about a part of the rows
+        counts as equally likely."""
+        if not rival.concerns_all_rows:
+            return 0.0, rival, fit
+        transform = rival.fit.transform.with_change(claim.fit.transform, fit.transform)
+        with_rival = self._refit(fit, transform)
+        rise = with_rival.log_evidence - fit.log_evidence
+        return rise + rival.prior - claim.prior, rival, with_rival
 
-    def _best(self, fit: ViewFit, explained: float) -> Claim | None:
-        """Return the likeliest hypothesis that parts left out confirm, with those that
-        are as likely; None where nothing is."""
-        ranking = self.rank(fit, explained)
+    def _refit(self, fit: ViewFit, transform: LogTransform) -> ViewFit:
+        """Return the fit to the same view under another transform of all rows."""
+        view = fit.view.with_transform(transform)
+        return self.all_rows.fit(view, fit.rows_worth_one)
+
+    def _fit_incumbent(self, view: LogView) -> ViewFit:
+        """Return the fit to all rows of a view, with the number of correlated rows worth
+        one independent row that the residual of a first fit shows."""
+        fit = self.all_rows.fit(view, 1.0)
+        return self.all_rows.with_rows_worth_one(
+            fit, self.all_rows.estimate_rows_worth_one(fit)
+        )
+
+    def _best_claim(self, fit: ViewFit, max_rise: float) -> Claim | None:
+        """Return the likeliest claim beside an incumbent's fit that held-out parts of the
+        log confirm, with its rivals; None where there is none.
+
+        max_rise : see :meth:`_screen`.
+        """
+        ranking = self.rank(fit, max_rise)
         likely = [x for x in ranking if x.log_odds > c.LOG_ODDS_OF_A_CLAIM]
-        witnessed = (self._witnessed(claim, fit) for claim in likely)
-        best = next((claim for claim in witnessed if claim is not None), None)
+        confirmed = (self._confirmed_claim(claim, fit) for claim in likely)
+        best = next((claim for claim in confirmed if claim is not None), None)
         if best is None:
             return None
         rivals: dict[object, Claim] = {}
@@ -374,334 +436,439 @@ class Race:
         rivals.pop(best.hypothesis.key, None)
         return replace(best, rivals=tuple(rivals.values()))
 
-    def rank(self, fit: ViewFit, explained: float = np.inf) -> list[Claim]:
-        """List the hypotheses that may be likelier than an incumbent, the likeliest
-        first: all on few rows, the best on all rows at their best size.
+    def rank(self, fit: ViewFit, max_rise: float = np.inf) -> list[Claim]:
+        """List claims beside an incumbent's fit, the likeliest first.
 
-        Two are compared with as many rows worth one as the whitest residual says.
+        All hypotheses are screened on few rows; the best of them are fitted to all rows at
+        their best size. All are compared with one number of rows worth one independent
+        row, that of the whitest residual. max_rise : see :meth:`_screen`.
         """
-        view = replace(fit.view, further=tuple(map(_thinned, fit.view.further)))
-        few_fit = self.few.fit(view, 1.0)
-        looks = self._screen(fit, few_fit, explained)
-        tried = [self._exact(look, fit, few_fit) for look in looks]
-        exact = [claim for claim in tried if claim is not None]
-        likely = [x.fit.v for x in exact if x.log_odds > c.WORTH_A_LOOK]
-        v = min([fit.v, *likely])
-        incumbent = self.all.worth(fit, v)
-        ranking = [x.beside(incumbent, self.all.worth(x.fit, v)) for x in exact]
+        view = replace(
+            fit.view, extra_torques=tuple(map(_thinned, fit.view.extra_torques))
+        )
+        few_fit = self.few_rows.fit(view, 1.0)
+        screened = self._screen(fit, few_fit, max_rise)
+        tried = [self._fit_on_all_rows(entry, fit, few_fit) for entry in screened]
+        claims = [claim for claim in tried if claim is not None]
+        likely = [x.fit.rows_worth_one for x in claims if x.log_odds > c.WORTH_A_LOOK]
+        rows_worth_one = min([fit.rows_worth_one, *likely])
+        incumbent = self.all_rows.with_rows_worth_one(fit, rows_worth_one)
+        ranking = [
+            x.with_fits(
+                incumbent, self.all_rows.with_rows_worth_one(x.fit, rows_worth_one)
+            )
+            for x in claims
+        ]
         return sorted(ranking, key=lambda claim: -claim.log_odds)
 
     def _screen(
-        self, fit: ViewFit, few_fit: ViewFit, explained: float
-    ) -> list[_FirstLook]:
-        """List the hypotheses that are worth a look at all rows, of each key the best.
+        self, fit: ViewFit, few_fit: ViewFit, max_rise: float
+    ) -> list[_Screened]:
+        """List the hypotheses that are worth a fit to all rows, of each key the best.
 
-        In ``few_fit``, the incumbent on few rows, each row counts as independent: a wrong
-        incumbent leaves a residual that is correlated, the right hypothesis may leave white
-        noise. Changes whose log-odds were below minus ``explained`` at an earlier look are
-        not looked at again.
+        Parameters
+        ----------
+        fit, few_fit : ViewFit
+            The incumbent's, to all rows and to few. Each of the few counts as
+            independent: a wrong incumbent leaves a correlated residual, but the right
+            hypothesis may leave white noise.
+        max_rise : float
+            By how much a claim may raise another one's log-odds: hypotheses that were
+            below minus this number when they were screened before are left out.
         """
-        of_all = [h for kind in self.kinds for h in kind.propose(self.all, fit)]
-        proposed = [*of_all, *self._in_parts(of_all, fit)]
-        looks = self._look(proposed, fit, few_fit, explained)
-        if not fit.may_be_rearranged and any(map(_is_sign_of_a_joint, looks)):
+        about_all_rows = _propose(self.kinds, self.all_rows, fit)
+        proposed = [*about_all_rows, *self._propose_for_parts(about_all_rows, fit)]
+        screened = self._screen_on_few_rows(proposed, fit, few_fit, max_rise)
+        if not fit.may_be_rearranged and any(map(_is_sign_of_a_joint, screened)):
             # Several joints may count the other way, if one seems to.
-            several = [*sign.patterns(self.all, fit, "joint sign")]
-            looks += self._look(several, fit, few_fit, explained)
-        for away in of_one_part.NEARER:
-            looks += self._look_nearer(looks, away, fit, few_fit)
-        return _best_of_each_key(looks)
+            several = [*sign.patterns(self.all_rows, fit, "joint sign")]
+            screened += self._screen_on_few_rows(several, fit, few_fit, max_rise)
+        for distances in of_one_part.NEARER:
+            screened += self._screen_near_likeliest_onset(
+                screened, distances, fit, few_fit
+            )
+        return _best_of_each_key(screened)
 
-    def _look(
+    def _screen_on_few_rows(
         self,
         proposed: Sequence[Hypothesis],
         fit: ViewFit,
         few_fit: ViewFit,
-        explained: float,
-    ) -> list[_FirstLook]:
-        """Look at hypotheses on few rows; see :meth:`_screen`."""
-        looks: list[_FirstLook] = []
-        numbers: list[Hypothesis] = []
+        max_rise: float,
+    ) -> list[_Screened]:
+        """Return the log-odds of each hypothesis beside the incumbent, by few rows.
+
+        Small changes of a number, and extra columns of torque, are screened to first order;
+        other changes of the log are fitted. Parameters: see :meth:`_screen`.
+        """
+        screened: list[_Screened] = []
+        with_number: list[Hypothesis] = []
         with_columns: list[Hypothesis] = []
         changes: dict[tuple[object, int], Hypothesis] = {}
         count: Counter[object] = Counter()
-        rows_over_few = _rows_over_few(fit)
-        for h in proposed:
-            if h.further is not None:
-                with_columns.append(h)
-            elif not h.is_friction_real:
-                looks.append(_FirstLook(-few_fit.physics + h.log_prior, h))
-            elif h.number is not None and h.chain == (
-                fit.chain if h.part is None else self.all.log.as_logged
-            ):
-                numbers.append(h)
+        for hypothesis in proposed:
+            if hypothesis.extra_torque is not None:
+                with_columns.append(hypothesis)
+            elif not hypothesis.is_friction_dissipative:
+                odds = -few_fit.friction_evidence + hypothesis.log_prior
+                screened.append(_Screened(odds, hypothesis))
+            elif self._begins_at_incumbent(hypothesis, fit):
+                with_number.append(hypothesis)
             else:
-                count[h.key] += 1
-                key: tuple[object, int] = h.key, count[h.key]
-                # A claim raises another change's log-odds by little more than it explains.
-                if self.looked_at.get(key, 0.0) > -explained:
-                    changes[key] = h
-        looks += self._look_to_first_order(
-            few_fit, numbers, with_columns, rows_over_few
+                count[hypothesis.key] += 1
+                key: tuple[object, int] = hypothesis.key, count[hypothesis.key]
+                if self.first_looks.get(key, 0.0) > -max_rise:
+                    changes[key] = hypothesis
+        rows_over_few = _rows_over_few(fit)
+        screened += self._screen_to_first_order(
+            few_fit, with_number, with_columns, rows_over_few
         )
-        views = [h.applied_to(few_fit.view) for h in changes.values()]
-        values = self.few.values(views, 1.0, _ROUNDS_OF_A_LOOK)
-        for (key, h), value in zip(changes.items(), values, strict=True):
-            odds = float(rows_over_few * (value - few_fit.value) + h.log_prior)
-            self.looked_at[key] = odds
-            looks.append(_FirstLook(odds, h))
-        return looks
+        views = [hypothesis.applied_to(few_fit.view) for hypothesis in changes.values()]
+        values = self.few_rows.values(views, 1.0, _ROUNDS_OF_A_LOOK)
+        for (key, hypothesis), value in zip(changes.items(), values, strict=True):
+            rise = value - few_fit.log_evidence
+            odds = float(rows_over_few * rise + hypothesis.log_prior)
+            self.first_looks[key] = odds
+            screened.append(_Screened(odds, hypothesis))
+        return screened
 
-    def _look_nearer(
-        self, looks: Sequence[_FirstLook], away: Array, fit: ViewFit, few_fit: ViewFit
-    ) -> list[_FirstLook]:
-        """Look at loads and arms that begin near the likeliest instant, at distances
-        ``away`` from it, in shares of the rows: one that begins at a wrong instant explains
-        little."""
+    def _begins_at_incumbent(self, hypothesis: Hypothesis, fit: ViewFit) -> bool:
+        """Whether a hypothesis changes a number of the incumbent's transform, or of a
+        part's rows as logged, from the size that it has there."""
+        begin = fit.transform
+        if hypothesis.part is not None:
+            begin = self.all_rows.log.as_logged
+        return hypothesis.number is not None and hypothesis.transform == begin
+
+    def _screen_near_likeliest_onset(
+        self,
+        screened: Sequence[_Screened],
+        distances: Array,
+        fit: ViewFit,
+        few_fit: ViewFit,
+    ) -> list[_Screened]:
+        """Screen loads and other arms that begin near the likeliest instant so far: one
+        that begins at a wrong instant explains little.
+
+        Parameters
+        ----------
+        screened : sequence of _Screened
+            Hypotheses with their log-odds, from which the likeliest instant is taken.
+        distances : (k,) array
+            Distances of the new instants from it, evenly spaced, as shares of the rows.
+        """
         instants = [
-            (look.log_odds, part.after)
-            for look in looks
-            if look.hypothesis.further is not None
-            and (part := look.hypothesis.part) is not None
+            (entry.log_odds, part.after)
+            for entry in screened
+            if entry.hypothesis.extra_torque is not None
+            and (part := entry.hypothesis.part) is not None
             and part.after is not None
             and part.until is None
         ]
         if not instants or not fit.is_badly_explained:
             return []
         _, likeliest = max(instants)
-        parts = of_one_part.parts_near(self.all, likeliest, away)
-        n_possible = round(1.0 / float(np.diff(away)[0]))
-        of_parts = of_one_part.in_parts(self.all, fit, parts, n_possible)
-        return self._look_to_first_order(few_fit, [], [*of_parts], _rows_over_few(fit))
+        parts = of_one_part.parts_near(self.all_rows, likeliest, distances)
+        n_possible = round(1.0 / float(np.diff(distances)[0]))
+        of_parts = of_one_part.in_parts(self.all_rows, fit, parts, n_possible)
+        return self._screen_to_first_order(
+            few_fit, [], [*of_parts], _rows_over_few(fit)
+        )
 
-    def _in_parts(
-        self, of_all: Sequence[Hypothesis], fit: ViewFit
+    def _propose_for_parts(
+        self, about_all_rows: Sequence[Hypothesis], fit: ViewFit
     ) -> Iterator[Hypothesis]:
-        """Yield what may be wrong with all rows as what may be wrong with a part of
-        them."""
+        """Yield the hypotheses about all rows again, each confined to one part of them: a
+        run, or what follows an instant.
+
+        Of suspect parts any fault is proposed, as if they were a log of their own.
+        """
         if of_one_part not in self.kinds:
             return
-        none = self.all.log.as_logged
+        as_logged = self.all_rows.log.as_logged
         kinds = [kind for kind in self.kinds if kind not in NOT_OF_ONE_RUN]
-        scaled = [*gain.of_all_torques(none)]
-        parts = of_one_part.parts_of(self.all)
+        scaled = [*gain.of_all_torques(as_logged)]
+        parts = of_one_part.parts_of(self.all_rows)
         odds = c.LOG_ODDS_AGAINST_DIFFERENCE - c.LOG_ODDS_AGAINST_FAULT
         odds += float(np.log(len(parts)))
         suspects = [part for part in parts if self._is_suspect(part, fit)]
-        if fit.chain != none:
-            as_logged = replace(fit, view=replace(fit.view, chain=none))
-            of_all = [h for kind in kinds for h in kind.propose(self.all, as_logged)]
+        if fit.transform != as_logged:
+            unrepaired = replace(fit, view=replace(fit.view, transform=as_logged))
+            about_all_rows = _propose(kinds, self.all_rows, unrepaired)
         others = [part for part in parts if part not in suspects]
-        yield from of_one_part.confined([*of_all, *scaled], none, others, odds)
+        proposed = [*about_all_rows, *scaled]
+        yield from of_one_part.confined(proposed, as_logged, others, odds)
         for part in suspects:
-            run = self.all.of_rows(np.flatnonzero(self.all.rows_of(part)))
-            alone = run.fit(LogView(none), fit.v)
+            run = self.all_rows.of_rows(np.flatnonzero(self.all_rows.rows_of(part)))
+            run_fit = run.fit(LogView(as_logged), fit.rows_worth_one)
             # Kinds are proposed by what the arm of all runs leaves.
-            alone = replace(alone, left=fit.shares * alone.total)
-            of_run = [*scaled, *(h for kind in kinds for h in kind.propose(run, alone))]
-            yield from of_one_part.confined(of_run, none, [part], odds, True)
+            run_fit = replace(run_fit, energy_left=fit.shares_left * run_fit.total)
+            proposed = [*scaled, *_propose(kinds, run, run_fit)]
+            yield from of_one_part.confined(proposed, as_logged, [part], odds, True)
 
     def _is_suspect(self, part: Part, fit: ViewFit) -> bool:
-        """Whether a run may have any fault of its own: the arm of all runs leaves much, and
-        an arm that is fitted to the other runs alone leaves far less of them."""
-        if part.run is None or not (fit.shares > _CONTRADICTS).any():
-            return False
-        others = ~self.all.rows_of(part)
-        if part not in self._others:
-            self._others[part] = self.all.of_rows(np.flatnonzero(others))
-        alone = self._others[part].fit(replace(fit.view, further=()), fit.v)
-        together = np.sum(self.all.residual(fit)[:, others] ** 2, axis=1)
-        is_moving = self.all.log.moving
-        return bool((together > _CONFUSED * alone.left)[is_moving].any())
+        """Whether a run may have any fault of its own.
 
-    def _look_to_first_order(
+        That is so if the arm of all runs leaves much of a torque, and of the other runs far
+        more than an arm that is fitted to these alone.
+        """
+        if part.run is None or not (fit.shares_left > _CONTRADICTS).any():
+            return False
+        others = ~self.all_rows.rows_of(part)
+        if part not in self._others:
+            self._others[part] = self.all_rows.of_rows(np.flatnonzero(others))
+        others_fit = self._others[part].fit(
+            replace(fit.view, extra_torques=()), fit.rows_worth_one
+        )
+        left_by_all = np.sum(self.all_rows.residual(fit)[:, others] ** 2, axis=1)
+        is_confused = left_by_all > _CONFUSED * others_fit.energy_left  # (n,)
+        return bool(is_confused[self.all_rows.log.moving].any())
+
+    def _screen_to_first_order(
         self,
         few_fit: ViewFit,
-        numbers: Sequence[Hypothesis],
+        with_number: Sequence[Hypothesis],
         with_columns: Sequence[Hypothesis],
         rows_over_few: float,
-    ) -> list[_FirstLook]:
-        """Look at hypotheses about a number, and about further columns of torque, as
-        columns beside the incumbent's on few rows."""
-        about = [(h.number, h.number.size_in(h.chain)) for h in numbers if h.number]
-        slopes = self.few.slopes(few_fit, numbers, [size for _, size in about])
+    ) -> list[_Screened]:
+        """Return the log-odds of hypotheses about a number, and about extra torque, each
+        as columns added to the incumbent's regression on few rows.
+
+        The column of a number is the torque's derivative by it. ``rows_over_few`` is the
+        ratio of the evidence of all rows to that of the few.
+        """
+        numbers = [x.number for x in with_number if x.number]
+        sizes = [
+            number.size_in(x.transform)
+            for number, x in zip(numbers, with_number, strict=True)
+        ]
+        slopes = self.few_rows.slopes(few_fit, with_number, sizes)
         groups = [
             (slopes[:, :, k : k + 1], np.array([number.sd]))
-            for k, (number, _) in enumerate(about)
+            for k, number in enumerate(numbers)
         ]
-        further = [_thinned(h.further) for h in with_columns if h.further]
-        groups += [(x.columns, x.sd) for x in further]
+        extra = [_thinned(x.extra_torque) for x in with_columns if x.extra_torque]
+        groups += [(x.columns, x.sd) for x in extra]
         if not groups:
             return []
-        screened = zip(*self.few.screen(few_fit, groups), strict=True)
+        rises, steps = self.few_rows.screen(few_fit, groups)
         return [
-            _FirstLook(rows_over_few * won + h.log_prior, h, float(step))
-            for h, (won, step) in zip([*numbers, *with_columns], screened, strict=True)
+            _Screened(
+                rows_over_few * rise + hypothesis.log_prior, hypothesis, float(step)
+            )
+            for hypothesis, rise, step in zip(
+                [*with_number, *with_columns], rises, steps, strict=True
+            )
         ]
 
-    def _exact(self, look: _FirstLook, fit: ViewFit, few_fit: ViewFit) -> Claim | None:
-        """Return a hypothesis at its best size, on all rows; None where few rows speak
-        against it at that size.
+    def _fit_on_all_rows(
+        self, entry: _Screened, fit: ViewFit, few_fit: ViewFit
+    ) -> Claim | None:
+        """Return a hypothesis at its best size as a claim, by a fit to all rows; None if
+        few rows speak against it at that size.
 
-        fit, few_fit : of the incumbent, to all rows and to few.
+        fit, few_fit : the incumbent's, to all rows and to few.
         """
-        h = look.hypothesis
+        hypothesis = entry.hypothesis
         best: _FoundSize | None = _FoundSize()
-        if h.number is not None:
-            best = self._best_size(look, h.number, fit, few_fit)
+        if hypothesis.number is not None:
+            best = self._best_size(entry, hypothesis.number, fit, few_fit)
         if best is None:
             return None
-        found = self.all.fit(h.applied_to(fit.view, best.size), fit.v)
-        for _ in range(_ROUNDS_OF_COLUMNS if h.further_at else 0):
-            assert h.further is not None
-            assert h.further_at is not None
-            # Sizes of further columns stand last in theta.
-            first_size = float(found.theta[-len(h.further.sd)])
-            h = replace(h, further=h.further_at(first_size))
-            found = self.all.fit(h.applied_to(fit.view), fit.v)
-        v = min(self.all.rows_worth_one(found), fit.v)
-        found = self.all.worth(found, v)
-        if h.further is not None:
-            best = _size_of_columns(found, h.further, best.occam)
-        incumbent = self.all.worth(fit, v)
-        return Claim(h, 0.0, found, incumbent, *best).beside(incumbent, found)
+        found = self.all_rows.fit(
+            hypothesis.applied_to(fit.view, best.size), fit.rows_worth_one
+        )
+        for _ in range(_ROUNDS_OF_COLUMNS if hypothesis.extra_torque_at else 0):
+            assert hypothesis.extra_torque is not None
+            assert hypothesis.extra_torque_at is not None
+            # Sizes of extra columns stand last in theta.
+            first_size = float(found.theta[-len(hypothesis.extra_torque.sd)])
+            hypothesis = replace(
+                hypothesis, extra_torque=hypothesis.extra_torque_at(first_size)
+            )
+            found = self.all_rows.fit(
+                hypothesis.applied_to(fit.view), fit.rows_worth_one
+            )
+        rows_worth_one = min(
+            self.all_rows.estimate_rows_worth_one(found), fit.rows_worth_one
+        )
+        found = self.all_rows.with_rows_worth_one(found, rows_worth_one)
+        if hypothesis.extra_torque is not None:
+            best = _size_of_columns(found, hypothesis.extra_torque, best.occam)
+        incumbent = self.all_rows.with_rows_worth_one(fit, rows_worth_one)
+        return Claim(hypothesis, 0.0, found, incumbent, *best).with_fits(
+            incumbent, found
+        )
 
     def _best_size(
-        self, look: _FirstLook, number: Number, fit: ViewFit, few_fit: ViewFit
+        self, entry: _Screened, number: Number, fit: ViewFit, few_fit: ViewFit
     ) -> _FoundSize | None:
-        """Return the best size of a hypothesis about a number, a round one where it is as
-        good; None where few rows speak against it at that size."""
-        h = look.hypothesis
+        """Return the best size of a hypothesis about a number; None if few rows speak
+        against it at that size.
+
+        The size is sought on few rows and refined on all. It is rounded to a round size
+        (a quarter turn, a factor of ten) within its error. Its price is the Occam factor:
+        posterior over prior width, and the prior's density there.
+        """
+        hypothesis = entry.hypothesis
         farthest = _FIRST_STEP * number.sd
-        start = number.size_in(h.chain)
-        size = start + float(np.clip(look.step, -farthest, farthest))
-        size, _ = self._refined(self.few, few_fit, h, size, _STEPS)
-        with_size = self.few.fit(h.applied_to(few_fit.view, size), 1.0)
-        won = _rows_over_few(fit) * (with_size.value - few_fit.value)
-        if won + h.log_prior < c.WORTH_A_LOOK:
+        start = number.size_in(hypothesis.transform)
+        size = start + float(np.clip(entry.step, -farthest, farthest))
+        size, _ = self._newton_size(self.few_rows, few_fit, hypothesis, size, _STEPS)
+        with_size = self.few_rows.fit(hypothesis.applied_to(few_fit.view, size), 1.0)
+        rise = _rows_over_few(fit) * (with_size.log_evidence - few_fit.log_evidence)
+        if rise + hypothesis.log_prior < c.WORTH_A_LOOK:
             return None
-        size, spread = self._refined(self.all, fit, h, size, 1)
-        away = size - (0.0 if h.part else number.size_in(fit.chain))
-        occam = float(np.log(min(1.0, spread / number.sd)))
-        reach = number.usual + c.NUMBER_SIGMAS * spread
-        reach = min(reach, number.rounded_within)
-        near = [x for x in number.round_sizes if abs(x - size) < reach]
+        size, std = self._newton_size(self.all_rows, fit, hypothesis, size, 1)
+        change = size - (0.0 if hypothesis.part else number.size_in(fit.transform))
+        occam = float(np.log(min(1.0, std / number.sd)))
+        tolerance = number.usual + c.NUMBER_SIGMAS * std
+        tolerance = min(tolerance, number.rounded_within)
+        near = [x for x in number.round_sizes if abs(x - size) < tolerance]
         if not near:
-            return _FoundSize(size, spread, occam - 0.5 * (away / number.sd) ** 2)
+            return _FoundSize(size, std, occam - 0.5 * (change / number.sd) ** 2)
         # Half of the prior is shared by the round sizes.
         occam = max(occam, -float(np.log(2.0 * len(number.round_sizes))))
-        return _FoundSize(min(near, key=lambda x: abs(x - size)), spread, occam)
+        return _FoundSize(min(near, key=lambda x: abs(x - size)), std, occam)
 
     @staticmethod
-    def _refined(
-        evidence: Evidence, incumbent: ViewFit, h: Hypothesis, size: float, steps: int
+    def _newton_size(
+        evidence: Evidence,
+        incumbent: ViewFit,
+        hypothesis: Hypothesis,
+        size: float,
+        steps: int,
     ) -> tuple[float, float]:
-        """Return the best size of a hypothesis beside an incumbent, by Newton's steps from
-        ``size``, and its standard deviation."""
-        number = h.number
+        """Return the likeliest size of a hypothesis beside an incumbent, and its standard
+        deviation, by at most so many Newton ``steps`` from ``size``."""
+        number = hypothesis.number
         assert number is not None
-        farthest = _LARGEST_STEP * number.sd
-        spread = np.inf
+        largest_step = _LARGEST_STEP * number.sd
+        std = np.inf
         for _ in range(steps):
-            fit = evidence.fit(h.applied_to(incumbent.view, size), incumbent.v)
-            slope = evidence.slopes(fit, [h], [size])
+            fit = evidence.fit(
+                hypothesis.applied_to(incumbent.view, size), incumbent.rows_worth_one
+            )
+            slope = evidence.slopes(fit, [hypothesis], [size])
             sd = np.array([_LOOSE * number.sd])
             change, information = evidence.score_test(fit, slope, sd)
-            spread = float(1.0 / np.sqrt(max(information[0], 1e-300)))
-            better = size + float(np.clip(change[0], -farthest, farthest))
-            better = float(np.clip(better, *number.limits))
-            is_short = abs(better - size) < _SHORT * spread
-            size = better
-            if is_short:
+            std = float(1.0 / np.sqrt(max(information[0], 1e-300)))
+            new_size = size + float(np.clip(change[0], -largest_step, largest_step))
+            new_size = float(np.clip(new_size, *number.limits))
+            is_converged = abs(new_size - size) < _SHORT * std
+            size = new_size
+            if is_converged:
                 break
-        return size, spread
+        return size, std
 
-    def _witnessed(self, claim: Claim, fit: ViewFit) -> Claim | None:
-        """Return a claim with the spread of its size that parts of the log show, if
-        this second witness speaks for it against the incumbent's fit; else None.
+    def _confirmed_claim(self, claim: Claim, fit: ViewFit) -> Claim | None:
+        """Return a claim if held-out parts of the log confirm it against the incumbent's
+        fit, with the larger, jackknifed standard deviation of its size; else None.
 
-        The error on parts that nothing was fitted to has to fall clearly and by a
-        factor. It says nothing of what fits the same, as signs that friction's power
-        shows.
+        A size that differs little from the incumbent's, is at a limit, or is known too
+        poorly is not confirmed.
         """
-        h = claim.hypothesis
-        number = h.number
+        hypothesis = claim.hypothesis
+        number = hypothesis.number
         if number is not None:
-            slope = self.all.slopes(claim.fit, [h], [claim.size])[:, :, 0]
-            spread = max(claim.spread, self.all.jackknifed_spread(claim.fit, slope))
-            claim = replace(claim, spread=spread)
-            before = 0.0 if h.part else number.size_in(fit.chain)
-            is_near = abs(claim.size - before) < c.NUMBER_SIGMAS * spread
+            slope = self.all_rows.slopes(claim.fit, [hypothesis], [claim.size])[:, :, 0]
+            std = max(claim.std, self.all_rows.jackknifed_std(claim.fit, slope))
+            claim = replace(claim, std=std)
+            before = 0.0 if hypothesis.part else number.size_in(fit.transform)
+            is_near = abs(claim.size - before) < c.NUMBER_SIGMAS * std
             is_at_limit = claim.size in number.limits
-            if is_near or is_at_limit or 2.0 * spread > number.widest:
+            if is_near or is_at_limit or 2.0 * std > number.widest:
                 return None
         return claim if self._is_confirmed(claim, fit) else None
 
     def _is_confirmed(self, claim: Claim, fit: ViewFit) -> bool:
-        """Whether parts of the log that nothing was fitted to confirm a claim against the
-        incumbent's fit."""
-        h = claim.hypothesis
-        ranges = [self.all.of_ranges(of.view) for of in (fit, claim.fit)]
-        if ranges[0] < ranges[1] and fit.is_badly_explained:
-            return True  # the joints' ranges are a witness where another fault hides the arm
-        span = h.part if h.part is not None and h.part.until is not None else None
-        before, after = (
-            self.all.held_out(of, span=span)[0] for of in (fit, claim.fit)
-        )  # (PARTS, moving joints) each
-        clearness = standard_errors_above_zero(np.log(before / after).sum(axis=1))
+        """Whether a second witness confirms a claim against the incumbent's fit.
+
+        It is the joints' ranges where the arm is badly explained, or the error on held-out
+        parts of the log. The latter says nothing where both fit the same, as signs do that
+        only friction's power shows.
+        """
+        if self._is_by_ranges(replace(claim, before=fit)) and fit.is_badly_explained:
+            return True
         moving = fit.weights > 0.0
-        old, new = fit.shares[moving], claim.fit.shares[moving]
+        old, new = fit.shares_left[moving], claim.fit.shares_left[moving]
         if np.all(np.abs(np.log(old / new)) < c.SAME_FIT):
             return True
         if (old - new).sum() < c.LEAST_SHARE:
             return False
+        return self._is_held_out_error_lower(claim, fit)
+
+    def _is_held_out_error_lower(self, claim: Claim, fit: ViewFit) -> bool:
+        """Whether the error on held-out parts of the log falls clearly, in standard errors,
+        and by a large factor from the incumbent's fit to the claim's."""
+        hypothesis = claim.hypothesis
+        span = hypothesis.part
+        if span is not None and span.until is None:
+            span = None
+        before, after = (
+            self.all_rows.held_out(x, span=span)[0] for x in (fit, claim.fit)
+        )  # (PARTS, moving joints) each
+        fall = standard_errors_above_zero(np.log(before / after).sum(axis=1))
         ratios = before.mean(axis=0) / after.mean(axis=0)
-        has_size = h.number is not None or h.further is not None
+        has_size = hypothesis.number is not None or hypothesis.extra_torque is not None
         least = c.LEAST_RATIO_WITH_SIZE if has_size else c.LEAST_RATIO
         if self.is_doubtful:
             least = c.LEAST_RATIO_IF_DOUBTFUL
         is_large = max(float(ratios.max()), float(ratios.prod())) > least
-        return bool(clearness > c.WITNESS_SIGMAS and is_large)
+        return bool(fall > c.WITNESS_SIGMAS and is_large)
 
 
-def _is_sign_of_a_joint(look: _FirstLook) -> bool:
-    """Whether a joint seems to count the other way, at the first look."""
-    is_sign = look.hypothesis.kind == "joint sign"
-    return is_sign and look.log_odds > c.WORTH_A_LOOK
+def _propose(
+    kinds: Sequence[ModuleType], evidence: Evidence, fit: ViewFit
+) -> list[Hypothesis]:
+    """List what each kind of fault proposes beside an incumbent's fit."""
+    return [x for kind in kinds for x in kind.propose(evidence, fit)]
 
 
-def _best_of_each_key(looks: Sequence[_FirstLook]) -> list[_FirstLook]:
-    """List the best looks, LOOKS at most, the likeliest first. Neighbours on a grid, of
-    instants or of sizes, count as one: they must not crowd out another fault."""
-    best: dict[object, _FirstLook] = {}
-    for look in sorted(looks, key=lambda look: -look.log_odds):
-        h = look.hypothesis
-        is_instant = h.part is not None and h.part.after is not None
-        place = "an instant" if is_instant else h.part
-        if look.log_odds > c.WORTH_A_LOOK:
-            best.setdefault((h.kind, h.joints, place), look)
+def _is_sign_of_a_joint(entry: _Screened) -> bool:
+    """Whether a joint seems to count the other way, by the few rows."""
+    is_sign = entry.hypothesis.kind == "joint sign"
+    return is_sign and entry.log_odds > c.WORTH_A_LOOK
+
+
+def _best_of_each_key(screened: Sequence[_Screened]) -> list[_Screened]:
+    """List the likeliest hypotheses, at most LOOKS, in falling order of their odds.
+
+    Of neighbours on a grid of instants or of sizes only the best counts: they must not
+    crowd out another fault.
+    """
+    best: dict[object, _Screened] = {}
+    for entry in sorted(screened, key=lambda entry: -entry.log_odds):
+        hypothesis = entry.hypothesis
+        is_instant = hypothesis.part is not None and hypothesis.part.after is not None
+        place = "an instant" if is_instant else hypothesis.part
+        if entry.log_odds > c.WORTH_A_LOOK:
+            best.setdefault((hypothesis.kind, hypothesis.joints, place), entry)
     return [*best.values()][: c.LOOKS]
 
 
-def _size_of_columns(fit: ViewFit, further: Further, occam: float) -> _FoundSize:
-    """Return the first size of further columns that a fit has last, with its standard
-    deviation; occam : what it costs where it may have either sign."""
-    place = len(fit.theta) - len(further.sd)
+def _size_of_columns(fit: ViewFit, extra: ExtraTorque, occam: float) -> _FoundSize:
+    """Return the first size of an extra torque, whose sizes stand last in a fit's
+    parameters. ``occam`` is its price if it may have either sign."""
+    place = len(fit.theta) - len(extra.sd)
     size = float(fit.theta[place])
     covariance = np.linalg.inv(fit.information)
-    spread = float(np.sqrt(covariance[place, place]))
-    if further.is_positive:
-        occam = float(np.log(2.0) + log_ndtr(size / spread))
-    return _FoundSize(size, spread, occam)
+    std = float(np.sqrt(covariance[place, place]))
+    if extra.is_positive:
+        occam = float(np.log(2.0) + log_ndtr(size / std))
+    return _FoundSize(size, std, occam)
 
 
 def _is_same(one: Claim, other: Claim) -> bool:
-    """Whether two claims do the same to the log, beside the same further torque, but for a
-    tenth of the positions' unit: counts of an encoder may be thousandths of a degree."""
-    first, second = one.fit.chain, other.fit.chain
+    """Whether two claims repair the log in the same way and have the same extra torque.
+
+    Units of positions within a tenth of each other are the same: counts of an encoder may
+    be thousandths of a degree.
+    """
+    first, second = one.fit.transform, other.fit.transform
     if one.fit.view.parts != other.fit.view.parts:
         return False
-    if one.hypothesis.further is not other.hypothesis.further:
+    if one.hypothesis.extra_torque is not other.hypothesis.extra_torque:
         return False
     ratios = np.divide(np.array(first.scale), np.array(second.scale))
     is_near = bool(np.all(np.abs(np.log(np.abs(ratios))) < _NEAR_UNIT))
@@ -709,29 +876,37 @@ def _is_same(one: Claim, other: Claim) -> bool:
 
 
 def _fits_as_well(claim: Claim, best: Claim) -> bool:
-    """Whether a claim about the same joints of the same part leaves as little of every
-    joint's torque as the best one, though one is a change of the log and one of the arm:
-    what has fewer numbers is likelier, and not the only remedy."""
+    """Whether a claim leaves as little of every joint's torque as the best claim, about
+    the same joints of the same part, though one changes the log and the other the arm.
+
+    The one with fewer numbers is then likelier, but not the only remedy.
+    """
     one, other = claim.hypothesis, best.hypothesis
-    is_same_remedy = (one.further is None) == (other.further is None)
-    if one.key[1:] != other.key[1:] or one.part is None or is_same_remedy:
+    is_same_remedy = (one.extra_torque is None) == (other.extra_torque is None)
+    is_same_place = (one.joints, one.part) == (other.joints, other.part)
+    if not is_same_place or one.part is None or is_same_remedy:
         return False
     moving = best.fit.weights > 0.0
-    more = np.log(claim.fit.shares[moving] / best.fit.shares[moving])
-    return bool(np.all(more < c.SAME_FIT))
+    rise = np.log(claim.fit.shares_left[moving] / best.fit.shares_left[moving])
+    return bool(np.all(rise < c.SAME_FIT))
 
 
 def _rows_over_few(fit: ViewFit) -> float:
-    """Return how many times the evidence of few rows all rows have: few are every
-    THIN-th, and of the rows that are worth one a single one counts."""
-    return c.THIN / min(fit.v, c.THIN)
+    """Return the ratio of the evidence of all rows to that of few, every THIN-th row.
+
+    It is THIN for independent rows, and less for correlated ones: of those that are worth
+    one row a single one counts.
+    """
+    return c.THIN / min(fit.rows_worth_one, c.THIN)
 
 
-def _thinned(further: Further) -> Further:
-    """Return further columns at the rows that are looked at first."""
-    under = further.under
+def _thinned(extra: ExtraTorque) -> ExtraTorque:
+    """Return an extra torque at the few rows of the screening, every THIN-th."""
+    recompute = extra.recompute
     return replace(
-        further,
-        columns=further.columns[:, :: c.THIN],
-        under=None if under is None else lambda chain: _thinned(under(chain)),
+        extra,
+        columns=extra.columns[:, :: c.THIN],
+        recompute=None
+        if recompute is None
+        else lambda transform: _thinned(recompute(transform)),
     )

@@ -52,28 +52,30 @@ class Number:
         """Whether it is a factor of torque channels."""
         return self.field == "gain"
 
-    def size_in(self, chain: LogTransform) -> float:
-        """Return the size in a transform."""
-        entries = getattr(chain, self.field)
+    def size_in(self, transform: LogTransform) -> float:
+        """Return the size that a transform has: its entry, or the natural logarithm of its
+        absolute value for a factor."""
+        entries = getattr(transform, self.field)
         value = entries[self.joints[0]] if self.joints else entries
         return float(np.log(abs(value))) if self.is_factor else float(value)
 
-    def at(self, chain: LogTransform, size: float) -> LogTransform:
-        """Return the transform with another size; signs of factors stay."""
+    def at(self, transform: LogTransform, size: float) -> LogTransform:
+        """Return a transform with the entries of this number's joints at a size; a factor
+        keeps its sign."""
         value = float(np.exp(size)) if self.is_factor else size
         changed: Any = value
         if self.joints:
-            entries = [*getattr(chain, self.field)]
+            entries = [*getattr(transform, self.field)]
             for j in self.joints:
                 is_negative = self.is_factor and entries[j] < 0.0
                 entries[j] = -value if is_negative else value
             changed = tuple(entries)
-        return replace(chain, **{self.field: changed})
+        return replace(transform, **{self.field: changed})
 
 
 def factor_of(field: str, joints: tuple[int, ...]) -> Number:
-    """Return the number of a factor that drives and loggers know to a few per cent; it is
-    tried from e^-2 to e^2."""
+    """Return the number of a factor, of the field ``field``, that drives and loggers know
+    to a few per cent; its natural logarithm is sought between -2 and 2."""
     return Number(
         field,
         joints,
@@ -121,7 +123,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Further:
+class ExtraTorque:
     """Columns of torque in addition to the arm's, with the prior of their sizes."""
 
     #: (n, M, r) torque per unit of each size.
@@ -136,54 +138,60 @@ class Further:
     span: Part | None = None
     #: Function that makes the same columns under another transform; None if they do not
     #: depend on it.
-    under: Callable[[LogTransform], Further] | None = None
+    recompute: Callable[[LogTransform], ExtraTorque] | None = None
 
 
 @dataclass(frozen=True)
 class LogView:
-    """How rows are seen: under a transform of all rows, with further columns of torque.
+    """How rows are seen: under a transform of all rows, with extra columns of torque.
 
     Rows of some parts are changed by a transform of their own first.
     """
 
     #: What is done to all rows.
-    chain: LogTransform
+    transform: LogTransform
     #: Parts that have a transform of their own, which comes before that of all rows.
     parts: tuple[tuple[Part, LogTransform], ...] = ()
     #: Columns beside the arm's.
-    further: tuple[Further, ...] = ()
+    extra_torques: tuple[ExtraTorque, ...] = ()
     #: Whether friction takes power.
-    is_friction_real: bool = True
+    is_friction_dissipative: bool = True
 
     @property
     def motion(self) -> LogView:
-        """The view without changes of torques alone, on which no column depends."""
-        moved = []
-        for part, transform in self.parts:
+        """The part of the view on which the regression's columns depend: without changes
+        of the torques alone. Views with the same motion share their columns."""
+        parts = []
+        for part, part_transform in self.parts:
             # Friction of a part that runs backwards differs from that of the others.
-            motion = replace(transform.motion_part, reversed=transform.reversed)
+            motion = replace(
+                part_transform.motion_part, reversed=part_transform.reversed
+            )
             if motion != motion.unchanged(motion.n, motion.assumed):
-                moved.append((part, motion))
-        return LogView(self.chain.motion_part, tuple(moved), self.further)
+                parts.append((part, motion))
+        return LogView(self.transform.motion_part, tuple(parts), self.extra_torques)
 
     @property
-    def chains(self) -> list[LogTransform]:
-        """The transform of all rows, then for each part the one transform that does what
-        is done to its rows."""
-        return [self.chain, *(x.followed_by(self.chain) for _, x in self.parts)]
+    def transforms(self) -> list[LogTransform]:
+        """The transform of all rows, then that of each part's rows: the part's transform
+        followed by that of all rows."""
+        return [self.transform, *(x.followed_by(self.transform) for _, x in self.parts)]
 
-    def under(self, chain: LogTransform) -> LogView:
-        """Return the view with another transform of all rows."""
-        if chain == self.chain:
+    def with_transform(self, transform: LogTransform) -> LogView:
+        """Return the view with another transform of all rows, and extra torques computed
+        for it."""
+        if transform == self.transform:
             return self
-        further = tuple(x.under(chain) if x.under else x for x in self.further)
-        return replace(self, chain=chain, further=further)
+        extra = tuple(
+            x.recompute(transform) if x.recompute else x for x in self.extra_torques
+        )
+        return replace(self, transform=transform, extra_torques=extra)
 
-    def with_part(self, part: Part, chain: LogTransform) -> LogView:
-        """Return the view with one more transform of a part, before those that the part
-        has."""
+    def with_part(self, part: Part, transform: LogTransform) -> LogView:
+        """Return the view in which a part's rows go through a transform first, and then
+        through what the view does to them already."""
         parts = dict(self.parts)
-        parts[part] = chain.followed_by(parts[part]) if part in parts else chain
+        parts[part] = transform.followed_by(parts[part]) if part in parts else transform
         return replace(self, parts=tuple(parts.items()))
 
 
@@ -191,7 +199,7 @@ class LogView:
 class Hypothesis:
     """One thing that may be wrong with a log, or missing in the model of the arm.
 
-    It is a remedy before it is judged: ``chain`` is the transform that undoes it.
+    It is a remedy before it is judged: ``transform`` is the transform that undoes it.
     """
 
     #: What is wrong, in two or three words: the kind of its issue.
@@ -201,17 +209,17 @@ class Hypothesis:
     #: Natural logarithm of its prior odds against "nothing".
     log_prior: float
     #: What is done to the rows where it holds; of a part: before what all rows have.
-    chain: LogTransform
+    transform: LogTransform
     #: Its size, which the race refines; None for what is there or not.
     number: Number | None = None
     #: Rows to which it is confined; None: all.
     part: Part | None = None
     #: Torque beside the arm's; the first size is that of the hypothesis.
-    further: Further | None = None
+    extra_torque: ExtraTorque | None = None
     #: The same torque where its columns depend on that size.
-    further_at: Callable[[float], Further] | None = None
+    extra_torque_at: Callable[[float], ExtraTorque] | None = None
     #: Whether friction takes power under it.
-    is_friction_real: bool = True
+    is_friction_dissipative: bool = True
     #: Whether only the sign of friction shows it. A missing law, or a controller that
     #: subtracts friction, changes that sign as well.
     tells_by_friction: bool = False
@@ -232,8 +240,8 @@ class Hypothesis:
 
     @property
     def in_words(self) -> str:
-        """What it is, as a rival of another one: the effect of the arm, or the kind of
-        fault and its joints."""
+        """The hypothesis in a few words: the effect of the arm, or the kind of fault and
+        its joints."""
         if self.effect or not self.joints:
             return self.effect or self.kind
         return f"{self.kind} of {formatting.joints([j + 1 for j in self.joints])}"
@@ -244,11 +252,11 @@ class Hypothesis:
         return self.kind, self.joints, self.part
 
     def at_size(self, base: LogTransform, size: float) -> LogTransform:
-        """Return the transform of its rows at a size of its number; ``base`` is what is done
-        to all rows."""
+        """Return the transform of the hypothesis's rows at a size of its number; ``base``
+        is that of all rows, which follows the transform of a part."""
         assert self.number is not None
-        chain = self.number.at(self.chain, size)
-        return chain if self.part is None else chain.followed_by(base)
+        transform = self.number.at(self.transform, size)
+        return transform if self.part is None else transform.followed_by(base)
 
     def applied_to(self, view: LogView, size: float | None = None) -> LogView:
         """Return a view with the hypothesis added.
@@ -258,29 +266,29 @@ class Hypothesis:
         size : float, optional
             Of its number; default: that of its transform.
         """
-        if not self.is_friction_real:
-            return replace(view, is_friction_real=False)
-        if self.further is not None:
-            return replace(view, further=(*view.further, self.further))
-        chain = self.chain
+        if not self.is_friction_dissipative:
+            return replace(view, is_friction_dissipative=False)
+        if self.extra_torque is not None:
+            return replace(view, extra_torques=(*view.extra_torques, self.extra_torque))
+        transform = self.transform
         if size is not None and self.number is not None:
-            chain = self.number.at(chain, size)
+            transform = self.number.at(transform, size)
         if self.part is not None:
-            return view.with_part(self.part, chain)
-        return view.under(chain)
+            return view.with_part(self.part, transform)
+        return view.with_transform(transform)
 
 
 def at_sizes(
     kind: str,
     log_prior: float,
-    chain: LogTransform,
+    transform: LogTransform,
     number: Number,
     changes: Iterable[float] = (0.0,),
 ) -> Iterator[Hypothesis]:
-    """Yield hypotheses about one number of a transform, one for each change of its size:
-    the sizes that the race begins from, and refines."""
+    """Yield one hypothesis about a number of a transform for each change of its size: the
+    sizes from which the race begins its search."""
     for change in changes:
-        changed = chain
+        changed = transform
         if change:
-            changed = number.at(chain, number.size_in(chain) + change)
+            changed = number.at(transform, number.size_in(transform) + change)
         yield Hypothesis(kind, number.joints, log_prior, changed, number)

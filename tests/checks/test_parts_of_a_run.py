@@ -53,8 +53,10 @@ def test_no_gain_is_told_where_friction_stays_as_it_is(two_link, run):
 
 
 def test_a_rival_of_no_joint_in_a_part_has_words():
-    chain = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
-    push = Hypothesis("passing force", (), -20.0, chain, part=Part(None, 10.9, 11.4))
+    transform = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
+    push = Hypothesis(
+        "passing force", (), -20.0, transform, part=Part(None, 10.9, 11.4)
+    )
     rival = SimpleNamespace(hypothesis=push)
     said = explain._of_rival(None, rival, 0.3, ()).what
     assert said == "passing force in a part of the log"

@@ -285,7 +285,7 @@ def test_an_interval_begins_with_its_smaller_number():
         remedy="",
         without=LogTransform.unchanged(2, (0.0, 0.0, -9.81)),
         in_words=lambda value: f"{-value:g} too large",
-        number_told=abs,
+        sort_key=abs,
     )
     assert fault.interval_in_words([-0.2, -0.1]) == "0.1 too large to 0.2 too large"
 

@@ -18,7 +18,7 @@ from sdp_vs_penalty.race.chain import ENTRIES, LogEvent, LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
 from sdp_vs_penalty.race.kinds import KINDS, mounting, several_joints
 from sdp_vs_penalty.race.race import HeldRaces
-from sdp_vs_penalty.race.records import Further, LogView
+from sdp_vs_penalty.race.records import ExtraTorque, LogView
 from sdp_vs_penalty.race.rows import ROTOR, RegressionData
 from sdp_vs_penalty.signals import Preprocessing
 
@@ -61,7 +61,10 @@ def test_rows_are_given_back_without_the_garbage_collector():
         log = rows_of(RUN)
         race = Race([log])
         race.run()
-        kept = [weakref.ref(x) for x in (log, log.with_all_laws, race.all, race.few)]
+        kept = [
+            weakref.ref(x)
+            for x in (log, log.with_all_laws, race.all_rows, race.few_rows)
+        ]
         del log, race
         assert [x() for x in kept] == 4 * [None]
     finally:
@@ -151,8 +154,8 @@ def test_an_arm_on_a_wall_whose_upright_weight_is_subtracted(share):
     log = rows_of(run, panda)
     outcome = Race([log]).run()
     assert [claim.hypothesis.kind for claim in outcome.claims] == ["gravity direction"]
-    assert_allclose(outcome.view.chain.gravity, left, atol=1e-9)
-    (fault,) = mounting.list_faults(log, outcome.view.chain)
+    assert_allclose(outcome.view.transform.gravity, left, atol=1e-9)
+    (fault,) = mounting.list_faults(log, outcome.view.transform)
     assert "under gravity along (-9.81, 0, 0)" in fault.what
 
 
@@ -179,7 +182,7 @@ def test_a_delay_of_either_sign_is_in_its_interval(late):
     tau = np.stack([np.interp(RUN.t - late, RUN.t, x) for x in RUN.tau.T], axis=1)
     (claim,) = judged(replace(RUN, tau=tau)).claims
     assert claim.hypothesis.kind == "delay"
-    assert claim.size == pytest.approx(late, abs=max(4.0 * claim.spread, 5e-4))
+    assert claim.size == pytest.approx(late, abs=max(4.0 * claim.std, 5e-4))
 
 
 def test_what_is_as_likely_is_told_with_a_claim():
@@ -196,7 +199,7 @@ def test_a_gain_of_one_run_is_found_in_its_rows():
     assert claim.hypothesis.kind == "torque gain"
     assert claim.hypothesis.part == Part(run=1)
     assert np.exp(-claim.size) == pytest.approx(1.3, rel=0.03)
-    assert verdict.claims_of_all() == []
+    assert verdict.claims_on_all_rows() == []
 
 
 def test_a_usual_number_is_taken_and_not_told():
@@ -218,7 +221,7 @@ def test_the_evidence_knows_no_unit_of_a_channel(turned):
         fits.append(Evidence(log).fit(LogView(log.as_logged), 2.0))
     fit, other = fits
     assert other.scale == pytest.approx(1e3 * fit.scale, rel=0.05)
-    assert other.shares == pytest.approx(fit.shares, rel=0.05)
+    assert other.shares_left == pytest.approx(fit.shares_left, rel=0.05)
 
 
 def test_what_is_changed_alike_is_changed_beside_another_unit():
@@ -229,7 +232,7 @@ def test_what_is_changed_alike_is_changed_beside_another_unit():
         x.with_multiplied("scale", (1,), -1.0).with_swap(0, 2, "tau_order")
         for x in units
     )
-    assert units[1].changed_alike(units[0], first) == second
+    assert units[1].with_change(units[0], first) == second
 
 
 @pytest.mark.parametrize(
@@ -247,7 +250,7 @@ def test_what_is_changed_alike_keeps_what_is_its_own(name):
         other = tuple(x + 1.0 for x in value) if isinstance(value, tuple) else value + 1
     rival = replace(none, **{name: other})
     claim = none.with_multiplied("gain", (1,), 2.0)
-    kept = rival.changed_alike(none, claim)
+    kept = rival.with_change(none, claim)
     assert getattr(kept, name) == other
     assert kept.gain == claim.gain
 
@@ -276,9 +279,9 @@ def test_a_column_of_zeros_is_worth_less_than_nothing(evidence):
     """It explains nothing, and costs nothing: its size is its prior's."""
     view = LogView(evidence.log.as_logged)
     columns = np.zeros((2, evidence.log.data.count, 1))
-    with_zeros = replace(view, further=(Further(columns, np.ones(1)),))
+    with_zeros = replace(view, extra_torques=(ExtraTorque(columns, np.ones(1)),))
     base, other = evidence.fit(view, 2.0), evidence.fit(with_zeros, 2.0)
-    assert other.value == pytest.approx(base.value, abs=1e-6)
+    assert other.log_evidence == pytest.approx(base.log_evidence, abs=1e-6)
     assert other.theta[-1] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -286,7 +289,7 @@ def test_nothing_is_known_of_a_number_without_torque(evidence):
     """A position in millimetres led to one: the check ended in an internal error."""
     fit = evidence.fit(LogView(evidence.log.as_logged), 2.0)
     slope = np.zeros((2, evidence.log.data.count))
-    assert evidence.jackknifed_spread(fit, slope) == np.inf
+    assert evidence.jackknifed_std(fit, slope) == np.inf
 
 
 def test_a_score_is_the_evidence_to_first_order(evidence):
@@ -294,11 +297,11 @@ def test_a_score_is_the_evidence_to_first_order(evidence):
     view = LogView(evidence.log.as_logged)
     fit = evidence.fit(view, 2.0)
     number = Number("lead", (0, 1), sd=1e-3, step=1e-4)
-    late = Hypothesis("delay", (0, 1), 0.0, fit.chain, number)
+    late = Hypothesis("delay", (0, 1), 0.0, fit.transform, number)
     slopes = evidence.slopes(fit, [late], [0.0])
     sizes, information = evidence.score_test(fit, slopes, np.array([1e-3]))
     values = {
-        x: evidence.fit(LogView(number.at(fit.chain, x)), 2.0).value
+        x: evidence.fit(LogView(number.at(fit.transform, x)), 2.0).log_evidence
         for x in (-1e-4, 0.0, 1e-4)
     }
     slope = (values[1e-4] - values[-1e-4]) / 2e-4
@@ -328,12 +331,12 @@ def test_a_negative_gain_keeps_its_sign():
 
 
 def test_a_hypothesis_of_a_part_leaves_other_rows():
-    chain = NONE.with_multiplied("gain", (0,), -1.0)
+    transform = NONE.with_multiplied("gain", (0,), -1.0)
     part = Part(run=1)
-    view = Hypothesis("torque sign", (0,), -6.0, chain, part=part).applied_to(
+    view = Hypothesis("torque sign", (0,), -6.0, transform, part=part).applied_to(
         LogView(NONE)
     )
-    assert view == LogView(NONE, parts=((part, chain),))
+    assert view == LogView(NONE, parts=((part, transform),))
     assert view.motion == LogView(NONE.motion_part)
 
 
@@ -353,15 +356,17 @@ def test_a_coupling_is_of_the_channels_of_another_order(evidence):
     before, after = (
         next(
             h
-            for h in several_joints.propose(evidence, evidence.fit(LogView(chain), 1.0))
+            for h in several_joints.propose(
+                evidence, evidence.fit(LogView(transform), 1.0)
+            )
             if h.kind == "coupling"
         )
-        for chain in (NONE, swapped)
+        for transform in (NONE, swapped)
     )
     swap = Hypothesis("joint order", (0, 1), -1.0, swapped)
     seen = swap.applied_to(before.applied_to(LogView(NONE)))
-    assert np.array_equal(seen.further[0].columns, after.further.columns)
-    assert not np.array_equal(before.further.columns, after.further.columns)
+    assert np.array_equal(seen.extra_torques[0].columns, after.extra_torque.columns)
+    assert not np.array_equal(before.extra_torque.columns, after.extra_torque.columns)
 
 
 def test_the_links_motion_passes_the_low_pass_of_the_torque():

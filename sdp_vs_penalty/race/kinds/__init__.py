@@ -1,7 +1,7 @@
 """The hypotheses about a log, one file each.
 
 ``propose(evidence, fit)`` yields the hypotheses beside what a fit has already;
-``list_faults(log, chain)`` the faults that a transform corrects, in words.
+``list_faults(log, transform)`` the faults that a transform corrects, in words.
 """
 
 from types import ModuleType
@@ -57,10 +57,10 @@ NOT_OF_ONE_RUN = (carried, saturation, effort, of_one_part, several_joints, fric
 SHOWN_BY_A_POOR_MOTION = position_unit, sign, mounting, events
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> list[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> list[Fault]:
     """List the faults of all kinds that a transform corrects."""
     faults: list[Fault] = []
     for kind in KINDS:
         if hasattr(kind, "list_faults"):
-            faults += kind.list_faults(log, chain)
+            faults += kind.list_faults(log, transform)
     return faults

@@ -13,24 +13,26 @@ from sdp_vs_penalty.race.records import Hypothesis
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield each joint, of an arm that is poorly explained, as driven past the joint before,
-    of either sense."""
-    log, now = evidence.log, fit.chain
+    """Yield for each pair of revolute neighbours that the second one's motor sits before
+    the first, in either sense; nothing if the arm is well explained."""
+    log, current = evidence.log, fit.transform
     if not fit.is_poorly_explained.any():
         return
     for j in log.revolute:
         if j - 1 in log.revolute:
             for turn in (1.0, -1.0):
-                chain = now.with_entries("carried", (j,), now.carried[j] + turn)
+                transform = current.with_entries(
+                    "carried", (j,), current.carried[j] + turn
+                )
                 prior = prior_of_one_of(2 * log.n)
-                yield Hypothesis("motor on the base", (j,), prior, chain)
+                yield Hypothesis("motor on the base", (j,), prior, transform)
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each joint whose motor turns with the joint before as well."""
-    for j in np.flatnonzero(chain.carried).tolist():
-        one, before = j + 1, j
-        is_sum = chain.carried[j] > 0.0
+    for j in np.flatnonzero(transform.carried).tolist():
+        one, before = j + 1, j  # numbers from 1
+        is_sum = transform.carried[j] > 0.0
         motors = [f"q{k + 1}" for k in range(log.n)]
         motors[j] = f"q{before}+q{one}" if is_sum else f"q{one}-q{before}"
         sign, back = ("+", "-") if is_sum else ("-", "+")
@@ -42,6 +44,6 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             f" tau{one} acts on joint {before} as well.",
             remedy=f"identify with --motors {','.join(motors)}, or replace q{one} by"
             f" q{one} {back} q{before} and tau{before} by tau{before} {sign} tau{one}",
-            without=chain.with_entries("carried", (j,), 0.0),
+            without=transform.with_entries("carried", (j,), 0.0),
             repaired_by=("motor", "joint"),
         )

@@ -45,12 +45,12 @@ def _time_number(field: str, joints: tuple[int, ...]) -> Number:
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a delay or a low-pass of all torques, and of each joint's torque."""
-    log, chain = evidence.log, fit.chain
+    log, transform = evidence.log, fit.transform
     all_joints = tuple(range(log.n))
     for field, times in _TIMES_TRIED.items():
         kind_of_all, kind_of_one = _KIND_OF_ALL_AND_OF_ONE[field]
         number = _time_number(field, all_joints)
-        yield from at_sizes(kind_of_all, prior_of_one_of(1), chain, number, times)
+        yield from at_sizes(kind_of_all, prior_of_one_of(1), transform, number, times)
         if len(log.joints) == 1:
             continue  # its torque is all torques
         # A single channel is never earlier than the others (see the module).
@@ -58,13 +58,13 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         prior = prior_of_one_of(log.n)
         for j in log.joints:
             number = _time_number(field, (j,))
-            yield from at_sizes(kind_of_one, prior, chain, number, times_of_one)
+            yield from at_sizes(kind_of_one, prior, transform, number, times_of_one)
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each delay and each low-pass of torques."""
     for field, (kind_of_all, kind_of_one) in _KIND_OF_ALL_AND_OF_ONE.items():
-        for joints, seconds in chain.list_nonzero(field):
+        for joints, seconds in transform.list_nonzero(field):
             is_all = len(joints) == log.n
             if is_all:
                 channel, others = "the torques", "the positions"
@@ -94,7 +94,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
                 joints=joints,
                 what=what,
                 remedy=remedy,
-                without=chain.with_entries(field, joints, 0.0),
+                without=transform.with_entries(field, joints, 0.0),
                 number=_time_number(field, joints),
                 in_words=_milliseconds,
                 # A single joint is named by the issue itself.

@@ -31,23 +31,23 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
 
     A step's prior counts the moments that a low-passed torque can distinguish.
     """
-    log, now = evidence.log, fit.chain
-    if fit.view.parts or fit.view.further:
+    log, current = evidence.log, fit.transform
+    if fit.view.parts or fit.view.extra_torques:
         return
     prior = prior_of_one_of(log.n) - c.LOG_ODDS_AGAINST_EVENT + c.LOG_ODDS_AGAINST_FAULT
     for j in log.joints:
-        yield Hypothesis(DRIFT, (j,), prior, now.with_event(LogEvent(j)))
+        yield Hypothesis(DRIFT, (j,), prior, current.with_event(LogEvent(j)))
     for event in _likeliest_step(evidence, fit):
-        chain = now.with_event(event)
+        transform = current.with_event(event)
         odds = prior - float(np.log(c.ROWS // c.PARTS))
-        yield Hypothesis("torque step", (event.joint,), odds, chain)
+        yield Hypothesis("torque step", (event.joint,), odds, transform)
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each drift and each step that is taken out of a joint's
     torque."""
-    for event in chain.events:
-        yield (_drift if event.at is None else _step)(log, chain, event)
+    for event in transform.events:
+        yield (_drift if event.at is None else _step)(log, transform, event)
 
 
 def _likeliest_step(evidence: Evidence, fit: ViewFit) -> Iterator[LogEvent]:
@@ -57,7 +57,7 @@ def _likeliest_step(evidence: Evidence, fit: ViewFit) -> Iterator[LogEvent]:
     A step is proposed only for a joint that moves both ways before it and after it:
     otherwise Coulomb friction makes the same step.
     """
-    log, now = evidence.log, fit.chain
+    log, current = evidence.log, fit.transform
     motion = log.data.motion
     # One moment for two rows: a step two rows off explains nothing. Near the ends of
     # the log a step is an offset.
@@ -67,7 +67,7 @@ def _likeliest_step(evidence: Evidence, fit: ViewFit) -> Iterator[LogEvent]:
     first_rows = rows_before + 1
     falls = _log_falls_by_steps(evidence, fit, first_rows) * log.moving[:, None]
     # Share of the rows before and after each step in which a joint moves forth.
-    goes_forth = motion.dq[:, list(now.order)].T > 0.0
+    goes_forth = motion.dq[:, list(current.order)].T > 0.0
     n_forth = np.cumsum(goes_forth, axis=1)[:, first_rows - 1]
     n_forth_in_all = goes_forth.sum(axis=1)[:, None]
     n_after = len(motion.t) - first_rows
@@ -90,7 +90,7 @@ def _log_falls_by_steps(evidence: Evidence, fit: ViewFit, first_rows: Indices) -
     sum over the rows from the step on.
     """
     rows = fit.columns.rows
-    mask = evidence.log.torque_mask(fit.chain)
+    mask = evidence.log.torque_mask(fit.transform)
 
     def from_rows(y: Array) -> Array:
         """Return the sums (n, K, ...) of y (n, M, ...) from each step's row on."""
@@ -106,7 +106,7 @@ def _log_falls_by_steps(evidence: Evidence, fit: ViewFit, first_rows: Indices) -
     beside_basis = squares - np.sum(on_basis**2, axis=2)
     beside_arm = beside_basis - fit.weights[:, None] * explained
     beside_arm = np.maximum(beside_arm, _SHARE_LEFT_BY_ARM * beside_basis)
-    scale = np.maximum(beside_arm * fit.left[:, None], 1e-280)
+    scale = np.maximum(beside_arm * fit.energy_left[:, None], 1e-280)
     is_new = beside_basis > _NOTHING_NEW_SHARE * squares
     return is_new * np.log1p(on_residual**2 / scale)
 

@@ -13,8 +13,8 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         kind="friction compensated",
         joints=(),
         log_prior=prior_of_one_of(1),
-        chain=fit.chain,
-        is_friction_real=False,
+        transform=fit.transform,
+        is_friction_dissipative=False,
         tells_by_friction=True,
         effect="friction that the controller compensated, by more than there is",
         by_controller="friction drives the joints a little: the controller subtracted"

@@ -39,39 +39,39 @@ def _number(joints: tuple[int, ...], sd: float = _SD) -> Number:
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a factor of each joint's torque, near one and of a unit."""
-    log, now = evidence.log, fit.chain
+    log, current = evidence.log, fit.transform
     if log.n == 1:
         return  # a factor of all torques is not seen
     prior = prior_of_one_of(log.n)
     for j in log.joints:
-        yield from at_sizes("torque gain", prior, now, _number((j,)))
+        yield from at_sizes("torque gain", prior, current, _number((j,)))
         unit, factors = _number((j,), _SD_OF_UNITS), np.log(_GAINS)
-        yield from at_sizes("torque gain", prior - np.log(2.0), now, unit, factors)
+        yield from at_sizes("torque gain", prior - np.log(2.0), current, unit, factors)
 
 
-def of_all_torques(now: LogTransform) -> Iterator[Hypothesis]:
-    """Yield a factor of all torques, near one and of a unit. Only a part of the rows can show
-    it, beside the other rows."""
-    number = _number(tuple(range(now.n)), _SD_OF_UNITS)
+def of_all_torques(current: LogTransform) -> Iterator[Hypothesis]:
+    """Yield hypotheses about one factor of all torques, near one and of a unit. It shows in
+    a part of the rows only, by comparison with the others."""
+    number = _number(tuple(range(current.n)), _SD_OF_UNITS)
     sizes = np.log([1.0, 1e-3, 1e3])
-    return at_sizes("torque gain", prior_of_one_of(1), now, number, sizes)
+    return at_sizes("torque gain", prior_of_one_of(1), current, number, sizes)
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for each joint whose torque is scaled; a sign is a fault of its
-    own."""
-    for j in np.flatnonzero(np.abs(chain.gain) != 1.0).tolist():
-        factor = abs(chain.gain[j])
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each joint whose torque the transform scales; a wrong sign is
+    another fault."""
+    for j in np.flatnonzero(np.abs(transform.gain) != 1.0).tolist():
+        factor = abs(transform.gain[j])
         yield Fault(
             kind="torque gain",
             joints=(j,),
             what=f"the torque of {joints_text([j])} is {times_text(factor)} beside those of"
             " its neighbours.",
             remedy=f"multiply tau{j + 1} by {factor:.3g}",
-            without=_number((j,)).at(chain, 0.0),
+            without=_number((j,)).at(transform, 0.0),
             number=_number((j,)),
             in_words=lambda log_factor: times_text(float(np.exp(log_factor))),
-            number_told=abs,
+            sort_key=abs,
             repaired_by=("gain", "tau"),
             figures={"factor": factor},
         )

@@ -27,51 +27,57 @@ _SUBTRACTED = (1.0, 0.8)
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield gravity along each of the six axes of the base, the assumed gravity turned by
-    the two angles of a first-order step, and of an arm that leaves much along any
-    direction."""
-    now = fit.chain
-    if any(now.lacks):
+    """Yield other directions of gravity in the base.
+
+    They are the six axes, each also less the weight that a controller may subtract; the
+    present gravity turned by Newton steps of two angles; and the same from the direction of
+    the nominal links, if the arm is badly explained.
+    """
+    current = fit.transform
+    if any(current.missing_weight):
         return  # weight that is missing has no direction
-    gravity = np.array(now.gravity)
+    gravity = np.array(current.gravity)
     size = float(np.linalg.norm(gravity))
     is_of_earth = _is_earths_gravity(size)
     new_size = size if is_of_earth else _EARTH
     kind = "gravity direction" if is_of_earth else "gravity of the problem"
     prior = prior_of_one_of(1)
     for axis in (*np.eye(3), *-np.eye(3)):
-        chain = _with_gravity(now, new_size * axis)
-        if not np.allclose(chain.gravity, gravity):
-            yield Hypothesis(kind, (), prior, chain)
+        transform = _with_gravity(current, new_size * axis)
+        if not np.allclose(transform.gravity, gravity):
+            yield Hypothesis(kind, (), prior, transform)
             for share in _SUBTRACTED:
-                left = np.array(chain.gravity) - share * gravity
-                yield Hypothesis(kind, (), 2.0 * prior, _with_gravity(chain, left))
+                left = np.array(transform.gravity) - share * gravity
+                yield Hypothesis(kind, (), 2.0 * prior, _with_gravity(transform, left))
     if not is_of_earth:
         return
     # A direction that is claimed already is not another mistake.
-    is_claimed = now.gravity != evidence.log.as_logged.gravity
+    is_claimed = current.gravity != evidence.log.as_logged.gravity
     odds = 0.0 if is_claimed else prior
     yield _tilted(evidence, fit, odds)
     if not fit.is_badly_explained:
         return
     nominal = _of_nominal_links(evidence, fit)
     if gravity @ nominal < size * _EARTH * np.cos(_FIRST_ORDER):
-        far = evidence.fit(_with_direction(fit.view, nominal), fit.v)
+        far = evidence.fit(_with_direction(fit.view, nominal), fit.rows_worth_one)
         yield _tilted(evidence, far, odds)
 
 
 def _of_nominal_links(evidence: Evidence, fit: ViewFit) -> Array:
-    """Return Earth's gravity (3,) along the direction in which the nominal links, of any
-    size, make most of the torques: least squares of their inertia and of their weight
-    along each axis, beside each joint's own columns."""
-    log, now, rows = evidence.log, fit.chain, fit.columns.rows
+    """Return Earth's gravity (3,) [m/s^2] in the direction in which the nominal links
+    explain the torques best.
+
+    The torques are fitted, by least squares, with the links' inertial torque and their
+    weight along each axis, with each joint's own columns projected out.
+    """
+    log, current, rows = evidence.log, fit.transform, fit.columns.rows
     still = [
-        log.nominal(replace(now, gravity=tuple(axis)), is_still=True)
+        log.nominal(replace(current, gravity=tuple(axis)), is_still=True)
         for axis in np.eye(3).tolist()
     ]
-    inertia = log.nominal(replace(now, gravity=(0.0, 0.0, 0.0)))
-    torques = np.stack([inertia.T, *(x.T for x in still), log.torques(now)], axis=2)
-    masked = torques * log.torque_mask(now)[:, :, None]
+    inertia = log.nominal(replace(current, gravity=(0.0, 0.0, 0.0)))
+    torques = np.stack([inertia.T, *(x.T for x in still), log.torques(current)], axis=2)
+    masked = torques * log.torque_mask(current)[:, :, None]
     left = rows.project_out_own(masked)[log.moving]
     left = left / np.linalg.norm(left[:, :, -1:], axis=1, keepdims=True)
     *columns, torque = left.reshape(-1, left.shape[2]).T
@@ -80,35 +86,39 @@ def _of_nominal_links(evidence: Evidence, fit: ViewFit) -> Array:
 
 
 def _tilted(evidence: Evidence, fit: ViewFit, odds: float) -> Hypothesis:
-    """Return Earth's gravity turned from that of a fit by steps to first order, until one
-    is shorter than bases are calibrated to; odds : prior log-odds, without the freedom of
-    two angles."""
+    """Return the hypothesis that gravity is turned from that of a fit, by Newton steps
+    until one is shorter than bases are calibrated to.
+
+    odds : its prior log-odds, to which the Occam factor of the two angles is added.
+    """
     for _ in range(_STEPS):
         angles, occam, turned = _step(evidence, fit)
         if np.linalg.norm(angles) < c.CALIBRATED:
             break
-        fit = evidence.fit(_with_direction(fit.view, turned), fit.v)
+        fit = evidence.fit(_with_direction(fit.view, turned), fit.rows_worth_one)
     away = np.linalg.norm(turned - np.array(evidence.log.as_logged.gravity))
     return Hypothesis(
         kind="gravity direction",
         joints=(),
         log_prior=odds + occam,
-        chain=_with_gravity(fit.chain, turned),
+        transform=_with_gravity(fit.transform, turned),
         is_usual=bool(away < 2.0 * c.CALIBRATED * _EARTH),
     )
 
 
 def _step(evidence: Evidence, fit: ViewFit) -> tuple[Array, float, Array]:
-    """Return the two angles (2,) [rad] across the gravity of a fit by which the arm leaves
-    least to first order, what their freedom costs, and gravity (3,) turned by them."""
-    log, now = evidence.log, fit.chain
-    gravity = np.array(now.gravity)
+    """Return one Newton step of gravity's direction: the two angles (2,) [rad], the
+    logarithm of their Occam factor, and gravity (3,) [m/s^2] turned by them."""
+    log, current = evidence.log, fit.transform
+    gravity = np.array(current.gravity)
     size = float(np.linalg.norm(gravity))
     across = np.linalg.svd(gravity[None, :])[2][1:]  # (2, 3)
-    chains = [_with_gravity(now, gravity + size * _STEP * axis) for axis in across]
-    log.prepare_columns(chains)
-    left_tilted = [log.unexplained(chain, fit.links) for chain in chains]
-    left = log.unexplained(now, fit.links)
+    transforms = [
+        _with_gravity(current, gravity + size * _STEP * axis) for axis in across
+    ]
+    log.prepare_columns(transforms)
+    left_tilted = [log.unexplained(transform, fit.links) for transform in transforms]
+    left = log.unexplained(current, fit.links)
     slopes = (left[:, :, None] - np.stack(left_tilted, axis=2)) / _STEP
     angles, information = evidence.score_test(fit, slopes, np.full(2, _SD))
     occam = -0.5 * float(np.sum(np.log1p(_SD**2 * information)))
@@ -117,10 +127,10 @@ def _step(evidence: Evidence, fit: ViewFit) -> tuple[Array, float, Array]:
     return angles, occam, turned * (size / np.linalg.norm(turned))
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield the fault that gravity is another vector than the problem's."""
     assumed = np.array(log.problem.robot.gravity)
-    g = np.array(chain.gravity)
+    g = np.array(transform.gravity)
     if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
         return
     size = float(np.linalg.norm(assumed))
@@ -141,9 +151,9 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
         f" {angle:.0f} degrees away from the assumed ({_in_words(assumed)})"
         f"{_subtracted_in_words(g, assumed)}.",
         remedy=remedy,
-        without=_with_gravity(chain, assumed),
+        without=_with_gravity(transform, assumed),
         place="the base",
-        gravity=chain.gravity_left,
+        gravity=transform.gravity_left,
         figures={"angle_degrees": angle, "vector": vector},
     )
 
@@ -173,11 +183,11 @@ def _is_earths_gravity(size: float) -> bool:
     return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
 
 
-def _with_gravity(chain: LogTransform, g: Array) -> LogTransform:
+def _with_gravity(transform: LogTransform, g: Array) -> LogTransform:
     """Return the transform under another gravity g (3,) [m/s^2] in the base frame."""
-    return replace(chain, gravity=tuple(g.tolist()))
+    return replace(transform, gravity=tuple(g.tolist()))
 
 
 def _with_direction(view: LogView, g: Array) -> LogView:
     """Return the view under another gravity g (3,) [m/s^2] of all rows."""
-    return replace(view, chain=_with_gravity(view.chain, g))
+    return replace(view, transform=_with_gravity(view.transform, g))

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.records import Further, Hypothesis, Part
+from sdp_vs_penalty.race.records import ExtraTorque, Hypothesis, Part
 from sdp_vs_penalty.race.rows import DRY, OFFSET, ROTOR, VISCOUS
 from sdp_vs_penalty.regression.linalg import min_norm_lstsq
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -46,16 +46,17 @@ def parts_of(evidence: Evidence) -> list[Part]:
     return [Part(after=float(t[int(share * len(t))])) for share in _CUTS]
 
 
-def parts_near(evidence: Evidence, instant: float, away: Array) -> list[Part]:
-    """List what follows instants ``away`` from one [s], in shares of the rows."""
+def parts_near(evidence: Evidence, instant: float, distances: Array) -> list[Part]:
+    """List the parts that begin near an instant [s], one for each of ``distances`` (k,)
+    from it, in shares of the rows."""
     t = evidence.log.data.motion.t
-    rows = np.searchsorted(t, instant) + (away * len(t)).astype(int)
+    rows = np.searchsorted(t, instant) + (distances * len(t)).astype(int)
     return [Part(after=float(t[row])) for row in np.unique(rows)]
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield a load of each part, of an arm that leaves much another arm, and friction of
-    each joint in each of several runs."""
+    """Yield what may differ in each part: a load, the whole arm if it is badly explained,
+    and, if the parts are runs, the friction of each joint."""
     parts = parts_of(evidence)
     yield from in_parts(evidence, fit, parts, len(parts))
     if parts[0].run is None:
@@ -66,15 +67,18 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         friction = friction_of(evidence, fit, j)
         for part in parts:
             at = evidence.rows_of(part)[None, :, None]
-            further = replace(friction, columns=friction.columns * at)
+            extra = replace(friction, columns=friction.columns * at)
             yield Hypothesis(
-                "another friction", (j,), odds, none, part=part, further=further
+                "another friction", (j,), odds, none, part=part, extra_torque=extra
             )
 
 
 def _share_of_rows(evidence: Evidence, part: Part) -> Array:
-    """Return how much of each row (M,) is of a part: what begins at an instant begins as
-    slowly in filtered rows as their filter lets it, here a Gaussian's step response."""
+    """Return the share of each row (M,) that belongs to a part, from 0 to 1.
+
+    What begins at an instant fades in over filtered rows, by the step response of a Gaussian
+    low-pass at the log's cutoff.
+    """
     if part.after is None:
         return evidence.rows_of(part).astype(float)
     data = evidence.log.data
@@ -85,10 +89,10 @@ def _share_of_rows(evidence: Evidence, part: Part) -> Array:
 def in_parts(
     evidence: Evidence, fit: ViewFit, parts: Sequence[Part], n_possible: int
 ) -> Iterator[Hypothesis]:
-    """Yield a load of each of some parts, and of an arm that leaves much another arm;
-    ``n_possible`` are as likely beforehand."""
+    """Yield a load on the last link in each part, and other links there if the arm is badly
+    explained; ``n_possible`` : number of parts that are equally likely beforehand."""
     none = evidence.log.as_logged
-    loads = loads_on_last_link(evidence, fit, fit.chain)
+    loads = loads_on_last_link(evidence, fit, fit.transform)
     arm = another_arm(evidence, fit) if fit.is_badly_explained else None
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(n_possible))
     for part in parts:
@@ -96,83 +100,96 @@ def in_parts(
         for load in loads:
             # Of what follows an instant the load may have been put down.
             is_positive = part.run is not None
-            further = Further(load.columns * at, load.sd, is_positive=is_positive)
+            extra = ExtraTorque(load.columns * at, load.sd, is_positive=is_positive)
             one_of = odds - float(np.log(len(loads)))
             yield Hypothesis(
-                "another load", (), one_of, none, part=part, further=further
+                "another load", (), one_of, none, part=part, extra_torque=extra
             )
         if arm is not None:
-            further = Further(arm.columns * at, arm.sd)
+            extra = ExtraTorque(arm.columns * at, arm.sd)
             rare = odds - c.LOG_ODDS_AGAINST_DIFFERENCE
-            yield Hypothesis("another arm", (), rare, none, part=part, further=further)
+            yield Hypothesis(
+                "another arm", (), rare, none, part=part, extra_torque=extra
+            )
 
 
 def confined(
     hypotheses: Iterable[Hypothesis],
-    none: LogTransform,
+    as_logged: LogTransform,
     parts: Sequence[Part],
     odds_against: float,
     is_suspect: bool = False,
 ) -> Iterator[Hypothesis]:
-    """Yield hypotheses about a log as it is again, each in a part alone: those about a
-    number near what it is, and of suspect parts all.
+    """Yield hypotheses about all rows again, each confined to one part of them.
 
-    What a part has of its own comes before what all rows have. A change that an unchanged
-    log (``none``) behind it does not keep belongs to all rows.
+    Only those about a number near its present size are, but in suspect parts all. Left out
+    is what cannot be of a part alone: a change that is lost when the transform of an
+    unchanged log, ``as_logged``, follows it.
+
+    odds_against : log-odds against a fault of one part, beyond those of all rows.
     """
-    for h in hypotheses:
-        is_near = h.number is not None and h.chain == none
-        is_tried = h.further is None and h.is_friction_real
+    for hypothesis in hypotheses:
+        is_near = hypothesis.number is not None and hypothesis.transform == as_logged
+        is_tried = (
+            hypothesis.extra_torque is None and hypothesis.is_friction_dissipative
+        )
         if not is_tried or not (is_near or is_suspect):
             continue
-        chain = h.number.at(none, h.number.step) if h.number and is_near else h.chain
-        if chain.followed_by(none) != chain:
+        transform = (
+            hypothesis.number.at(as_logged, hypothesis.number.step)
+            if hypothesis.number and is_near
+            else hypothesis.transform
+        )
+        if transform.followed_by(as_logged) != transform:
             continue
-        odds = h.log_prior - odds_against
-        alone = replace(h, log_prior=odds, tells_by_friction=False)
+        odds = hypothesis.log_prior - odds_against
+        alone = replace(hypothesis, log_prior=odds, tells_by_friction=False)
         for part in parts:
-            if part.run is not None or h.kind in _WITHIN_A_RUN:
+            if part.run is not None or hypothesis.kind in _WITHIN_A_RUN:
                 yield replace(alone, part=part)
 
 
-def another_arm(evidence: Evidence, fit: ViewFit) -> Further | None:
-    """Return the torque of links that differ, by what is known of links beforehand;
-    None for an arm without links."""
-    columns = evidence.log.raw(fit.chain)
+def another_arm(evidence: Evidence, fit: ViewFit) -> ExtraTorque | None:
+    """Return the extra torque of links that differ from the arm's, with the prior of its
+    links; None for an arm without links."""
+    columns = evidence.log.raw(fit.transform)
     if not columns.shape[2]:
         return None
     spread = fit.scale * np.linalg.cholesky(evidence.covariance_of_links)
-    return Further(columns @ spread, np.ones(columns.shape[2]))
+    return ExtraTorque(columns @ spread, np.ones(columns.shape[2]))
 
 
-def friction_of(evidence: Evidence, fit: ViewFit, j: int) -> Further:
-    """Return the torque of a joint's friction: dry of several widths, and viscous."""
-    log, chain = evidence.log, fit.chain
-    own = log.data.own_columns[chain.order[j]] * np.sign(chain.scale[j])
+def friction_of(evidence: Evidence, fit: ViewFit, j: int) -> ExtraTorque:
+    """Return the extra torque of joint j's friction: dry friction of several widths, and
+    viscous; see the module's equation."""
+    log, transform = evidence.log, fit.transform
+    own = log.data.own_columns[transform.order[j]] * np.sign(transform.scale[j])
     dry, velocity = own[:, [DRY]], own[:, [VISCOUS]]
     velocity = velocity / nonzero_or_one(float(np.sqrt(np.mean(velocity**2))))
     others = np.column_stack([velocity, own[:, [DRY - 1, DRY + 1]]])
     of_friction = np.column_stack([dry, others - dry])
     beside = np.column_stack([of_friction, own[:, [ROTOR, OFFSET]]])
-    torque = log.unexplained(chain, fit.links)[j]
+    torque = log.unexplained(transform, fit.links)[j]
     present = float(min_norm_lstsq(beside, torque)[0])
     columns = np.zeros((log.n, *of_friction.shape))
     columns[j] = of_friction
     rms = float(np.sqrt(np.mean(torque**2)))
     sd = np.full(of_friction.shape[1], _SHARE_OF_TORQUE * rms)
-    return Further(columns, sd, usual=c.USUAL_FRICTION * abs(present))
+    return ExtraTorque(columns, sd, usual=c.USUAL_FRICTION * abs(present))
 
 
 def loads_on_last_link(
-    evidence: Evidence, fit: ViewFit, chain: LogTransform
-) -> list[Further]:
-    """List the torques of a heavy and of a light load on the last link under a transform;
-    none for an arm without links."""
+    evidence: Evidence, fit: ViewFit, transform: LogTransform
+) -> list[ExtraTorque]:
+    """List the extra torques of a heavy and of a light load on the last link, under a
+    transform of the log; empty for an arm without links."""
     log = evidence.log
     model = log.data.shared
     if model is None or not len(model.rigid_indices):
         return []
-    columns = log.columns(chain.arm_part)[:, :, model.rigid_indices[-10:]]
+    columns = log.columns(transform.arm_part)[:, :, model.rigid_indices[-10:]]
     mass = max(float(log.problem.prior_links[:, 0].sum()), 1.0)
     sd = np.array([1.0, *3 * (_CENTRE,), *6 * (_GYRATION,)])
-    return [Further(columns, share * fit.scale * mass * sd) for share in _SHARES_OF_ARM]
+    return [
+        ExtraTorque(columns, share * fit.scale * mass * sd) for share in _SHARES_OF_ARM
+    ]

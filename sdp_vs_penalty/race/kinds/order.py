@@ -25,44 +25,47 @@ _KINDS: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield an exchange of two moving joints' torques, for each pair, and of positions
-    and of both if one is poorly explained; and joints that are counted from the wrist
-    on, one mistake that several exchanges make only together."""
-    now, poor = fit.chain, fit.is_poorly_explained
+    """Yield exchanged channels of each pair of moving joints: torques always, positions and
+    both if one of the pair is poorly explained.
+
+    If any joint is, all joints in reverse order are one hypothesis too: a log that counts
+    from the wrist.
+    """
+    current, poor = fit.transform, fit.is_poorly_explained
     joints = tuple(evidence.log.joints)
     if len(joints) > 3 and poor.any():
         for kind, (fields, *_) in _KINDS.items():
-            from_the_wrist = {name: getattr(now, name)[::-1] for name in fields}
-            reverse = replace(now, **from_the_wrist)
+            from_the_wrist = {name: getattr(current, name)[::-1] for name in fields}
+            reverse = replace(current, **from_the_wrist)
             yield Hypothesis(kind, joints, prior_of_one_of(1), reverse)
     prior = prior_of_one_of(evidence.log.n * (evidence.log.n - 1) // 2)
     for pair in combinations(joints, 2):
         for kind, (fields, *_) in _KINDS.items():
             if kind == "torque order" or poor[list(pair)].any():
-                yield Hypothesis(kind, pair, prior, now.with_swap(*pair, *fields))
+                yield Hypothesis(kind, pair, prior, current.with_swap(*pair, *fields))
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for the joints whose channels are exchanged: one about both channels
-    where positions and torques have the same order, else one about each."""
-    is_same = chain.order == chain.tau_order
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for the joints whose channels the transform exchanges: one if positions
+    and torques have the same order, else one for positions and one for torques."""
+    is_same = transform.order == transform.tau_order
     kinds = ["joint order"] if is_same else ["position order", "torque order"]
     for kind in kinds:
         fields, words, columns, channel = _KINDS[kind]
-        order = getattr(chain, fields[0])
+        order = getattr(transform, fields[0])
         changed = tuple(np.flatnonzero(np.array(order) != np.arange(log.n)).tolist())
         if not changed:
             continue
-        which = ""
+        assignment = ""
         if len(changed) > 2:
             places = [f"column {order[j] + 1} is joint {j + 1}'s" for j in changed]
-            which = f": {', '.join(places)}"
+            assignment = f": {', '.join(places)}"
         yield Fault(
             kind=kind,
             in_doubt=kind,
             joints=changed,
-            what=f"{words} of {joints_text(changed)} are swapped{which}.",
+            what=f"{words} of {joints_text(changed)} are swapped{assignment}.",
             remedy=f"rename the columns of {columns}",
-            without=chain.with_defaults(*fields),
+            without=transform.with_defaults(*fields),
             repaired_by=("order", channel),
         )

@@ -39,36 +39,36 @@ def _counts_in_words(log_count: float) -> str:
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield another factor of all positions, and of each joint's, of an arm that is poorly
     explained, where they are radians."""
-    log, now = evidence.log, fit.chain
-    is_in_radians = bool(np.all(np.abs(now.scale)[log.revolute] == 1.0))
+    log, current = evidence.log, fit.transform
+    is_in_radians = bool(np.all(np.abs(current.scale)[log.revolute] == 1.0))
     if not is_in_radians or len(log.revolute) < 2 or not fit.is_poorly_explained.any():
         return
     kind, of_all = "position scale", _number(tuple(log.revolute))
-    yield from at_sizes(kind, prior_of_one_of(1), now, of_all, np.log(_FACTORS))
+    yield from at_sizes(kind, prior_of_one_of(1), current, of_all, np.log(_FACTORS))
     # A joint's position that errs beside a right torque is rarer.
     prior = prior_of_one_of(1) + prior_of_one_of(log.n)
     for j in log.revolute:
-        yield from at_sizes(kind, prior, now, _number((j,)), np.log(_OF_A_JOINT))
+        yield from at_sizes(kind, prior, current, _number((j,)), np.log(_OF_A_JOINT))
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield one fault about all revolute joints whose factor is no unit's, or one about
     each."""
-    scales = np.abs(chain.scale)
-    _, of_unit = undone_unit(log, chain)
+    scales = np.abs(transform.scale)
+    _, of_unit = undone_unit(log, transform)
     changed = [j for j in log.revolute if scales[j] != 1.0 and j not in of_unit]
     groups: list[tuple[int, ...]]
     groups = [(j,) for j in changed] if len(log.revolute) > 1 else []
     if groups and changed == log.revolute and np.ptp(scales[changed]) == 0.0:
         groups = [tuple(changed)]
     for joints in groups:
-        yield _fault(log, chain, joints)
+        yield _fault(log, transform, joints)
 
 
-def _fault(log: Likelihood, chain: LogTransform, joints: tuple[int, ...]) -> Fault:
+def _fault(log: Likelihood, transform: LogTransform, joints: tuple[int, ...]) -> Fault:
     """Return the fault that some joints' positions have another factor."""
     is_all = len(joints) > 1
-    scale = abs(chain.scale[joints[0]])
+    scale = abs(transform.scale[joints[0]])
     kind, number = "position scale", _number(joints)
     where = f"position of {joints_text(joints)} is"
     if is_all:
@@ -81,10 +81,10 @@ def _fault(log: Likelihood, chain: LogTransform, joints: tuple[int, ...]) -> Fau
     channels = ", ".join(f"q{j + 1}" for j in joints)
     # The sign of a position is a fault of its own.
     without = replace(
-        chain,
+        transform,
         scale=tuple(
             math.copysign(1.0, present) if j in joints else present
-            for j, present in enumerate(chain.scale)
+            for j, present in enumerate(transform.scale)
         ),
     )
     return Fault(

@@ -180,19 +180,19 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield units of angles. If prismatic joints are far beyond their ranges, yield what
     they may have been multiplied by, and units of angles beside each of these."""
     log = evidence.log
-    largest = np.abs(fit.chain.positions(log.data.motion.q)).max(axis=0)  # (n,)
+    largest = np.abs(fit.transform.positions(log.data.motion.q)).max(axis=0)  # (n,)
     rails = tuple(j for j in _prismatic(log) if largest[j] > _farthest(log, j))
     if not rails:
-        yield from _of_angles(log, fit, fit.chain, largest)
+        yield from _of_angles(log, fit, fit.transform, largest)
         return
     for unit in _OF_RAILS:
-        chain = fit.chain.with_multiplied("scale", rails, unit.scale)
-        yield _hypothesis(unit, rails, prior_of_one_of(1), chain)
-        yield from _of_angles(log, fit, chain, largest)
+        transform = fit.transform.with_multiplied("scale", rails, unit.scale)
+        yield _hypothesis(unit, rails, prior_of_one_of(1), transform)
+        yield from _of_angles(log, fit, transform, largest)
 
 
 def _of_angles(
-    log: Likelihood, fit: ViewFit, chain: LogTransform, largest: NDArray[np.float64]
+    log: Likelihood, fit: ViewFit, transform: LogTransform, largest: NDArray[np.float64]
 ) -> Iterator[Hypothesis]:
     """Yield units of angles: of all revolute joints, and degrees of each single joint that
     moves beyond a turn.
@@ -202,11 +202,11 @@ def _of_angles(
     beyond_turn = [j for j in log.revolute if largest[j] > _TURN]
     if not beyond_turn and not fit.is_poorly_explained.any():
         return
-    yield from _units_of_all(log, chain, bool(beyond_turn))
+    yield from _units_of_all(log, transform, bool(beyond_turn))
     if log.n == 1:
         return  # the only joint is all joints
     for j in beyond_turn:
-        in_degrees = chain.with_multiplied("scale", (j,), _DEGREES.scale)
+        in_degrees = transform.with_multiplied("scale", (j,), _DEGREES.scale)
         yield _hypothesis(_OF_A_PART, (j,), prior_of_one_of(log.n), in_degrees)
 
 
@@ -214,21 +214,21 @@ def _hypothesis(
     unit: PositionUnit,
     joints: tuple[int, ...],
     log_prior: float,
-    chain: LogTransform,
+    transform: LogTransform,
     number: Number | None = None,
 ) -> Hypothesis:
     """Return the hypothesis that positions of joints are in a unit."""
     return Hypothesis(
-        unit.kind, joints, log_prior, chain, number, position_unit=unit.unit
+        unit.kind, joints, log_prior, transform, number, position_unit=unit.unit
     )
 
 
 def _units_of_all(
-    log: Likelihood, now: LogTransform, is_beyond_turn: bool
+    log: Likelihood, current: LogTransform, is_beyond_turn: bool
 ) -> Iterator[Hypothesis]:
     """Yield the units that all revolute positions may be in, where they are taken as
     radians: small ones where some joint moves beyond a turn, else large ones and degrees."""
-    if any(abs(now.scale[j]) != 1.0 for j in log.revolute):
+    if any(abs(current.scale[j]) != 1.0 for j in log.revolute):
         return
     for unit in UNITS:
         is_of_little_motion = not unit.is_small or unit is _DEGREES
@@ -239,12 +239,12 @@ def _units_of_all(
         # Counts about a middle are those of one encoder; of others the size is estimated.
         has_free_count = unit.unit == COUNTS and not unit.middle
         number = counts_a_turn(log) if has_free_count else None
-        chain = _in_radians(now, numbers)
-        travels = np.ptp(chain.positions(log.data.motion.q), axis=0)[log.revolute]
+        transform = _in_radians(current, numbers)
+        travels = np.ptp(transform.positions(log.data.motion.q), axis=0)[log.revolute]
         log_travel = float(np.log(max(travels.max(), 1e-9)))
         prior = prior_of_one_of(1) + float(np.log(unit.usual))
         prior -= 0.5 * (log_travel / _SPREAD_OF_TRAVEL) ** 2
-        yield _hypothesis(unit, tuple(numbers), prior, chain, number)
+        yield _hypothesis(unit, tuple(numbers), prior, transform, number)
 
 
 def _prismatic(log: Likelihood) -> list[int]:
@@ -260,24 +260,24 @@ def _farthest(log: Likelihood, j: int) -> float:
 
 
 def _in_radians(
-    chain: LogTransform, scale_and_middle: Mapping[int, tuple[float, float]]
+    transform: LogTransform, scale_and_middle: Mapping[int, tuple[float, float]]
 ) -> LogTransform:
     """Return the transform that brings joints from a unit, whose scale and middle [rad]
     each has, to radians as well."""
     for j, (scale, middle) in scale_and_middle.items():
-        chain = chain.with_multiplied("scale", (j,), scale)
-        chain = chain.with_entries("zero", (j,), chain.zero[j] + middle)
-    return chain
+        transform = transform.with_multiplied("scale", (j,), scale)
+        transform = transform.with_entries("zero", (j,), transform.zero[j] + middle)
+    return transform
 
 
 def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]:
     """List the units that such numbers may be in, and under which an arm explains the
     torques as well as it does in radians: degrees where a joint moves over a turn, turns
     and shares of the range where all are below one and move little."""
-    log, now = evidence.log, fit.chain
+    log, current = evidence.log, fit.transform
     q = log.data.motion.q[:, log.revolute]
     travel = float(np.ptp(q, axis=0).max(initial=0.0))
-    if any(abs(scale) != 1.0 for scale in now.scale):
+    if any(abs(scale) != 1.0 for scale in current.scale):
         return []
     units = list[PositionUnit]()
     if travel >= _TURN:
@@ -287,14 +287,17 @@ def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]
     alike = list[PositionUnit]()
     for unit in units:
         if numbers := unit.scales_and_middles(log):
-            view = replace(fit.view, chain=_in_radians(now, numbers))
-            if fit.value - evidence.fit(view, fit.v).value < _LEAST_TO_TELL:
+            view = replace(fit.view, transform=_in_radians(current, numbers))
+            if (
+                fit.log_evidence - evidence.fit(view, fit.rows_worth_one).log_evidence
+                < _LEAST_TO_TELL
+            ):
                 alike.append(unit)
     return alike
 
 
 def undone_unit(
-    log: Likelihood, chain: LogTransform
+    log: Likelihood, transform: LogTransform
 ) -> tuple[PositionUnit, dict[int, tuple[float, float]]]:
     """Return the unit that a transform undoes, with scale and middle of each of its
     joints: none where positions are in radians, or their factor is that of no unit.
@@ -302,7 +305,7 @@ def undone_unit(
     Of several units with these factors it is the one whose middles are nearest. Where only
     a part of the joints has a unit, it is degrees.
     """
-    sizes = np.abs(chain.scale)
+    sizes = np.abs(transform.scale)
     changed = [j for j in log.revolute if not np.isclose(sizes[j], 1.0)]
     in_degrees = [j for j in changed if np.isclose(sizes[j], _DEGREES.scale)]
     best, numbers = _DEGREES, dict.fromkeys(in_degrees, (_DEGREES.scale, 0.0))
@@ -313,16 +316,16 @@ def undone_unit(
         of_unit = unit.scales_and_middles(log) or {}
         scales = [scale for scale, _ in of_unit.values()]
         if of_unit and np.allclose(sizes[list(of_unit)], scales, rtol=1e-6):
-            away = sum(abs(chain.zero[j] - x) for j, (_, x) in of_unit.items())
+            away = sum(abs(transform.zero[j] - x) for j, (_, x) in of_unit.items())
             if away < least:
                 best, least, numbers = unit, away, dict(of_unit)
     return best, numbers
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield one fault about all revolute joints, or those in degrees, and one about
     prismatic joints."""
-    sizes = np.abs(chain.scale)
+    sizes = np.abs(transform.scale)
     for unit in _OF_RAILS:
         long = [j for j in _prismatic(log) if np.isclose(sizes[j], unit.scale)]
         if not long:
@@ -334,19 +337,19 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"the positions of {joints_text(long)} are {unit.words}: they reach"
             f" {np.abs(log.data.motion.q[:, long]).max():.4g}.",
             remedy=f"multiply {lengths} (and their dq) by {unit.factor}",
-            without=chain.with_multiplied("scale", long, 1.0 / unit.scale),
+            without=transform.with_multiplied("scale", long, 1.0 / unit.scale),
             place=lengths,
             repaired_by=unit.repaired_by,
             position_unit=unit.unit,
         )
-    unit, numbers = undone_unit(log, chain)
+    unit, numbers = undone_unit(log, transform)
     joints = tuple(numbers)
     if not joints:
         return
-    without = chain
+    without = transform
     for j, (scale, middle) in numbers.items():
         without = without.with_multiplied("scale", (j,), 1.0 / scale)
-        without = without.with_entries("zero", (j,), chain.zero[j] - middle)
+        without = without.with_entries("zero", (j,), transform.zero[j] - middle)
     largest = np.abs(log.data.motion.q[:, list(joints)]).max()
     places, are, they_reach = "positions", "are", "they reach"
     if len(joints) == 1:

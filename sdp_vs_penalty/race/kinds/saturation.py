@@ -27,21 +27,20 @@ def _number(j: int) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield the torque of each joint straightened, for an amplifier whose limit the
-    largest torque comes near to."""
+    """Yield for each joint that its amplifier bends the torque near its limit."""
     for j in evidence.log.joints:
         prior = prior_of_one_of(evidence.log.n)
-        yield from at_sizes("saturation", prior, fit.chain, _number(j), _BENDS)
+        yield from at_sizes("saturation", prior, fit.transform, _number(j), _BENDS)
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each joint whose torque the transform straightens, with the limit
     of its amplifier."""
-    for j in np.flatnonzero(chain.bend).tolist():
-        largest_logged = log.data.largest[chain.tau_order[j]]
+    for j in np.flatnonzero(transform.bend).tolist():
+        largest_logged = log.data.largest[transform.tau_order[j]]
         # A bend is the largest logged torque over the limit. The gain brings the limit
         # from the unit of the log to that of the joint's torque.
-        limit = abs(chain.gain[j]) * largest_logged / chain.bend[j]
+        limit = abs(transform.gain[j]) * largest_logged / transform.bend[j]
         unit = log.torque_unit(j)
         yield Fault(
             kind="saturation",
@@ -49,7 +48,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             what=f"the torque of {joints_text([j])} bends towards its amplifier's limit"
             f" of {limit:.3g} {unit}.",
             remedy="record again with a larger range, or slower",
-            without=chain.with_entries("bend", (j,), 0.0),
+            without=transform.with_entries("bend", (j,), 0.0),
             number=_number(j),
             in_words=lambda value: f"{percent_text(value)} of the limit is reached",
         )

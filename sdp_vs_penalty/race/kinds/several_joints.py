@@ -18,7 +18,7 @@ from sdp_vs_penalty.race.evidence import Evidence, ViewFit
 from sdp_vs_penalty.race.fault import prior_of_one_of
 from sdp_vs_penalty.race.kinds.of_one_part import loads_on_last_link
 from sdp_vs_penalty.race.likelihood import Likelihood
-from sdp_vs_penalty.race.records import Further, Hypothesis, Part
+from sdp_vs_penalty.race.records import ExtraTorque, Hypothesis, Part
 from sdp_vs_penalty.robot.arrays import Indices
 
 #: Standard deviation beforehand of a force [N] and of its moment [N m].
@@ -35,76 +35,81 @@ _PARAMETERS_OF_A_LINK, _STATIC = 10, 4
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield a load without its weight, a force on the last link, and a coupling of each
-    joint with each neighbour."""
+    """Yield effects of several joints: a load whose weight the controller subtracts, a
+    force on the last link, and a coupling of each joint with each neighbour."""
     model = evidence.log.data.shared
     if model is None or not len(model.rigid_indices):
         return
-    if any(fit.chain.gravity):
-        weightless = replace(fit.chain, gravity=(0.0, 0.0, 0.0))
+    if any(fit.transform.gravity):
+        weightless = replace(fit.transform, gravity=(0.0, 0.0, 0.0))
         heavy, _ = loads_on_last_link(evidence, fit, weightless)
         yield Hypothesis(
             kind="tool weight removed",
             joints=(),
             log_prior=prior_of_one_of(1),
-            chain=fit.chain,
-            further=heavy,
+            transform=fit.transform,
+            extra_torque=heavy,
             effect="a load on the last link whose weight the controller subtracted",
             by_controller="the torques hold the inertia of a load on the last link without"
             " its weight: the controller subtracted that",
         )
     yield from _forces(evidence, fit, model.rigid_indices[-_PARAMETERS_OF_A_LINK:])
-    yield from _couplings(evidence.log, fit.chain)
+    yield from _couplings(evidence.log, fit.transform)
 
 
 def _forces(
     evidence: Evidence, fit: ViewFit, last_link: Indices
 ) -> Iterator[Hypothesis]:
-    """Yield a force on the last link, always and in the spans in which the arm errs most;
-    last_link (10,) : indices of its parameters.
+    """Yield a constant force on the last link, over the whole log and in the spans in which
+    the arm errs most.
 
-    A force F at the point r acts as the weight of a mass there would under a gravity
-    along F: it is linear in F_k and r_i F_k.
+    A force F at the point r acts like the weight of a mass there under a gravity along F:
+    its torque is linear in F_k and r_i F_k. last_link (10,) : indices of its parameters.
     """
-    log, now = evidence.log, fit.chain
+    log, current = evidence.log, fit.transform
     static = last_link[:_STATIC]
     columns = [
-        log.columns(replace(now, gravity=tuple(axis)), is_still=True)[:, :, static]
+        log.columns(replace(current, gravity=tuple(axis)), is_still=True)[:, :, static]
         for axis in np.eye(3).tolist()
     ]
     sd = np.tile([_FORCE, _MOMENT, _MOMENT, _MOMENT], 3)
-    force = Further(np.concatenate(columns, axis=2), sd)
+    force = ExtraTorque(np.concatenate(columns, axis=2), sd)
     what = "a constant force on the last link"
-    yield Hypothesis("force", (), prior_of_one_of(1), now, further=force, effect=what)
+    yield Hypothesis(
+        "force", (), prior_of_one_of(1), current, extra_torque=force, effect=what
+    )
     odds = -c.LOG_ODDS_AGAINST_DIFFERENCE - float(np.log(c.ROWS))
     for span in _worst_spans(evidence, fit):
         at = evidence.rows_of(span)[None, :, None]
-        pushed = Further(force.columns * at, force.sd, span=span)
-        yield Hypothesis("passing force", (), odds, now, part=span, further=pushed)
+        pushed = ExtraTorque(force.columns * at, force.sd, span=span)
+        yield Hypothesis(
+            "passing force", (), odds, current, part=span, extra_torque=pushed
+        )
 
 
-def _couplings(log: Likelihood, now: LogTransform) -> Iterator[Hypothesis]:
-    """Yield gears that couple each joint with its neighbour, driven past either one."""
+def _couplings(log: Likelihood, current: LogTransform) -> Iterator[Hypothesis]:
+    """Yield gears that couple each joint with its neighbour: the motor of either one turns
+    with the other joint as well."""
     for first, second in pairwise(range(log.n)):
         for a, b in ((first, second), (second, first)):
-            further_at = partial(_coupling, log, a, b, now)
+            extra_torque_at = partial(_coupling, log, a, b, current)
             yield Hypothesis(
                 kind="coupling",
                 joints=(a, b),
                 log_prior=prior_of_one_of(2 * log.n),
-                chain=now,
-                further=further_at(0.0),
-                further_at=further_at,
+                transform=current,
+                extra_torque=extra_torque_at(0.0),
+                extra_torque_at=extra_torque_at,
                 effect=f"gears that couple joints {first + 1} and {second + 1}",
             )
 
 
 def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
-    """List, for each length of a push, the span in which the arm errs most. Spans that a
-    force explains already do not count."""
+    """List, for each duration of a push, the span of rows with the largest excess of
+    squared residual; spans that a force explains already do not count."""
     t = evidence.log.data.motion.t
     errors = fit.weights @ evidence.residual(fit) ** 2  # (M,)
-    for taken in fit.view.further:
+    for taken in fit.view.extra_torques:
         if taken.span is not None:
             errors[evidence.rows_of(taken.span)] = 0.0
     summed = np.concatenate([[0.0], np.cumsum(errors)])
@@ -124,15 +129,15 @@ def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
 
 
 def _coupling(
-    log: Likelihood, a: int, b: int, now: LogTransform, ratio: float
-) -> Further:
+    log: Likelihood, a: int, b: int, current: LogTransform, ratio: float
+) -> ExtraTorque:
     """Return the torque of gears by which the motor of joint b turns with joint a as
     well: by dq_b + ratio dq_a.
 
     The ratio times this motor's torque, without its friction and inertia, is missing at
     motor a; friction and inertia of the sum act on b.
     """
-    motion, torque = log.motion(now), log.torques(now)
+    motion, torque = log.motion(current), log.torques(current)
     velocity = motion.dq[:, b] + ratio * motion.dq[:, a]
     friction = [np.tanh(velocity / width) for width in c.COULOMB_WIDTHS]
     of_a = [-torque[b], motion.dq[:, b], motion.ddq[:, b], *friction]
@@ -145,5 +150,5 @@ def _coupling(
     load = np.repeat(of_joints[[a, b]], [len(of_a), len(of_b)])
     sd = _SD_OF_SHARE * load / np.maximum(size, 1e-12)
     sd[0] = _SD_OF_RATIO
-    under = partial(_coupling, log, a, b, ratio=ratio)
-    return Further(columns, np.maximum(sd, 1e-12), under=under)
+    recompute = partial(_coupling, log, a, b, ratio=ratio)
+    return ExtraTorque(columns, np.maximum(sd, 1e-12), recompute=recompute)

@@ -28,11 +28,14 @@ _MOST_JOINTS = 8
 _FRICTION_DRIVES = -12.0
 
 
-def with_signs(chain: LogTransform, kind: str, joints: tuple[int, ...]) -> LogTransform:
-    """Return a transform that changes signs of joints (from 0), of a kind of SIGNS."""
+def with_signs(
+    transform: LogTransform, kind: str, joints: tuple[int, ...]
+) -> LogTransform:
+    """Return a transform with other signs of some joints (from 0): of the factors that
+    SIGNS lists for a kind of fault."""
     for name in SIGNS[kind]:
-        chain = chain.with_multiplied(name, joints, -1.0)
-    return chain
+        transform = transform.with_multiplied(name, joints, -1.0)
+    return transform
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
@@ -42,11 +45,11 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     several torques are tried if friction seems to drive joints, and patterns of several
     joints if the fit may hide several mistakes.
     """
-    log, now, n = evidence.log, fit.chain, evidence.log.n
+    log, current, n = evidence.log, fit.transform, evidence.log.n
     all_joints = tuple(range(n))
-    turned = now.with_multiplied("gain", all_joints, -1.0)
+    turned = current.with_multiplied("gain", all_joints, -1.0)
     yield Hypothesis("torque sign", all_joints, prior_of_one_of(1), turned)
-    upside_down = tuple(-g for g in now.gravity)
+    upside_down = tuple(-g for g in current.gravity)
     both = replace(turned, gravity=upside_down)
     yield Hypothesis("gravity direction", all_joints, 2.0 * prior_of_one_of(1), both)
     prior = prior_of_one_of(n)
@@ -56,15 +59,15 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             # The torque of an only joint is all torques.
             is_tried = n > 1 if kind == "torque sign" else is_poor
             if is_tried:
-                yield Hypothesis(kind, (j,), prior, with_signs(now, kind, (j,)))
-    if fit.physics <= _FRICTION_DRIVES:
+                yield Hypothesis(kind, (j,), prior, with_signs(current, kind, (j,)))
+    if fit.friction_evidence <= _FRICTION_DRIVES:
         yield from patterns(evidence, fit, "torque sign")
     if fit.may_be_rearranged:
         yield from patterns(evidence, fit, "joint sign")
 
 
 def patterns(evidence: Evidence, fit: ViewFit, kind: str) -> Iterator[Hypothesis]:
-    """Yield other signs of several joints at once, of a kind of SIGNS."""
+    """Yield hypotheses that several joints at once have the other sign; kind : of SIGNS."""
     log, n = evidence.log, evidence.log.n
     if not 2 < len(log.joints) <= _MOST_JOINTS:
         return
@@ -74,14 +77,19 @@ def patterns(evidence: Evidence, fit: ViewFit, kind: str) -> Iterator[Hypothesis
     for size in range(2, len(log.joints)):
         for joints in combinations(log.joints, size):
             odds = max(size * prior_of_one_of(n), odds_of_convention)
-            yield Hypothesis(kind, joints, odds, with_signs(fit.chain, kind, joints))
+            yield Hypothesis(
+                kind, joints, odds, with_signs(fit.transform, kind, joints)
+            )
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for each joint of which only the position changes its sign, one for all
-    joints of which position and torque do, and one for all of which only the torque does."""
-    is_q_turned = np.array(chain.scale) < 0.0
-    is_tau_turned = np.array(chain.gain) < 0.0
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
+    """Yield the faults that a transform's negative factors repair.
+
+    There is one fault for each joint with a wrong position alone, one for all joints whose
+    position and torque are wrong, and one for all with a wrong torque alone.
+    """
+    is_q_turned = np.array(transform.scale) < 0.0
+    is_tau_turned = np.array(transform.gain) < 0.0
     for j in np.flatnonzero(is_q_turned & ~is_tau_turned).tolist():
         yield Fault(
             kind="position sign",
@@ -89,7 +97,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             joints=(j,),
             what=f"the position of joint {j + 1} has the wrong sign.",
             remedy=f"flip the sign of q{j + 1} (and dq{j + 1})",
-            without=with_signs(chain, "position sign", (j,)),
+            without=with_signs(transform, "position sign", (j,)),
             repaired_by=("sign", "q"),
         )
     if joints := tuple(np.flatnonzero(is_q_turned & is_tau_turned).tolist()):
@@ -101,7 +109,7 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             joints=joints,
             what=f"{joints_text(joints)} {count} the other way, position and torque alike.",
             remedy=f"flip the signs of {formatting.words(channels)}",
-            without=with_signs(chain, "joint sign", joints),
+            without=with_signs(transform, "joint sign", joints),
             repaired_by=("sign", "joint"),
         )
     if joints := tuple(np.flatnonzero(is_tau_turned & ~is_q_turned).tolist()):
@@ -112,6 +120,6 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             joints=joints,
             what=f"the torque of {where} has the wrong sign.",
             remedy=f"flip the sign of {', '.join(f'tau{j + 1}' for j in joints)}",
-            without=with_signs(chain, "torque sign", joints),
+            without=with_signs(transform, "torque sign", joints),
             repaired_by=("sign", "tau"),
         )

@@ -12,36 +12,37 @@ from sdp_vs_penalty.race.records import Hypothesis, Number, at_sizes
 
 def _number(joints: tuple[int, ...]) -> Number:
     """Return the share of the weight that some joints' torques lack."""
-    return Number("lacks", joints, sd=1.0, usual=c.CALIBRATED_GAIN, round_sizes=(1.0,))
+    return Number(
+        "missing_weight", joints, sd=1.0, usual=c.CALIBRATED_GAIN, round_sizes=(1.0,)
+    )
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield weight that is missing: all of it or 80 % from all torques, and all of it from
-    single joints.
+    """Yield missing weight: all of it or 80 % from all torques, and all of it from each
+    revolute joint's torque.
 
-    80 % is tried as well, because a little weight that is left beside much inertia looks
-    like another clock rate.
+    80 % is tried because a little weight beside much inertia looks like another clock rate.
     """
-    log, now = evidence.log, fit.chain
-    if not any(now.gravity):
+    log, current = evidence.log, fit.transform
+    if not any(current.gravity):
         return
     kind, number = "gravity removed", _number(tuple(range(log.n)))
-    yield from at_sizes(kind, prior_of_one_of(1), now, number, (1.0, 0.8))
+    yield from at_sizes(kind, prior_of_one_of(1), current, number, (1.0, 0.8))
     if log.n == 1:
         return  # the only joint is all joints
     prior = prior_of_one_of(log.n)
     for j in log.revolute:
-        yield from at_sizes(kind, prior, now, _number((j,)), (1.0,))
+        yield from at_sizes(kind, prior, current, _number((j,)), (1.0,))
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield a fault for the torques from which weight is missing."""
-    for joints, share in chain.list_nonzero("lacks"):
+    for joints, share in transform.list_nonzero("missing_weight"):
         torques = f"the torque of {joints_text(joints)}"
         remedy = "log the torques before gravity compensation"
         if len(joints) == log.n:
             torques = "the torques"
-            vector = ", ".join(f"{g:g}" for g in chain.gravity_left)
+            vector = ", ".join(f"{g:g}" for g in transform.gravity_left)
             remedy = f"{remedy}, or set gravity to ({vector}) m/s^2"
         yield Fault(
             kind="gravity removed",
@@ -49,8 +50,8 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             joints=joints,
             what=f"{percent_text(share)} of the weight is missing from {torques}.",
             remedy=remedy,
-            without=chain.with_entries("lacks", joints, 0.0),
+            without=transform.with_entries("missing_weight", joints, 0.0),
             number=_number(joints),
             in_words=percent_text,
-            gravity=chain.gravity_left,
+            gravity=transform.gravity_left,
         )

@@ -31,7 +31,8 @@ _SD, _SD_OF_TURN = 0.3, 1.5
 
 
 def zero_number(log: Likelihood, j: int, sd: float = _SD) -> Number:
-    """Return what is added to joint j's position [rad or m]."""
+    """Return the number of joint j's encoder zero, which is added to its position [rad, m],
+    with a prior standard deviation ``sd`` [rad, or lengths that matter as much]."""
     if j not in log.revolute:
         unit = length_like_a_radian(log)
         usual = _LENGTH_OVER_ANGLE * c.CALIBRATED * unit
@@ -41,44 +42,49 @@ def zero_number(log: Likelihood, j: int, sd: float = _SD) -> Number:
 
 
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
-    """Yield the zero of each joint's encoder, also by turns of a quarter."""
-    log, now = evidence.log, fit.chain
+    """Yield another zero of each joint's encoder: near the present one, and a quarter or
+    half turn off if the arm is poorly explained; of two joints at once if several mistakes
+    may hide each other."""
+    log, current = evidence.log, fit.transform
     prior = prior_of_one_of(log.n)
     for j in log.joints:
         number = zero_number(log, j)
-        yield Hypothesis("encoder offset", (j,), prior, now, number)
+        yield Hypothesis("encoder offset", (j,), prior, current, number)
         if j not in log.revolute or not fit.is_poorly_explained.any():
             continue
         for turn in _QUARTERS:
-            chain = _turned(now, j, turn)
+            transform = _turned(current, j, turn)
             number = zero_number(log, j, _SD_OF_TURN)
             odds = prior - np.log(len(_QUARTERS))
-            yield Hypothesis("encoder offset", (j,), odds, chain, number)
+            yield Hypothesis("encoder offset", (j,), odds, transform, number)
     if not fit.may_be_rearranged:
         return
     # If two joints are turned, undoing one of them alone explains little.
     joints = [j for j in log.revolute if j]
     for a, b in combinations(joints, 2):
         for first, second in product(_QUARTERS, _QUARTERS):
-            chain = _turned(_turned(now, a, first), b, second)
+            transform = _turned(_turned(current, a, first), b, second)
             odds = 2.0 * (prior - np.log(len(_QUARTERS)))
-            yield Hypothesis("encoder offset", (a, b), odds, chain)
+            yield Hypothesis("encoder offset", (a, b), odds, transform)
 
 
-def _turned(chain: LogTransform, j: int, turn: float) -> LogTransform:
+def _turned(transform: LogTransform, j: int, turn: float) -> LogTransform:
     """Return the transform with joint j's zero turned [rad], to within half a turn."""
-    zero = float(np.pi - (np.pi - chain.zero[j] - turn) % (2.0 * np.pi))
-    return chain.with_entries("zero", (j,), zero)
+    zero = float(np.pi - (np.pi - transform.zero[j] - turn) % (2.0 * np.pi))
+    return transform.with_entries("zero", (j,), zero)
 
 
-def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
-    """Yield a fault for each encoder's zero that is changed."""
-    _, of_unit = position_unit.undone_unit(log, chain)
+def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
+    """Yield a fault for each joint whose zero the transform changes, by more than its
+    unit of positions does."""
+    _, of_unit = position_unit.undone_unit(log, transform)
     middles = np.array([of_unit.get(j, (1.0, 0.0))[1] for j in range(log.n)])
-    offsets = np.array(chain.zero) - middles  # [rad, m]; the zero is away by minus that
+    offsets = (
+        np.array(transform.zero) - middles
+    )  # [rad, m]; the zero is away by minus that
     for j in np.flatnonzero(offsets).tolist():
         offset = float(offsets[j])
-        of_size = degrees_text if j in log.revolute else _metres
+        size_text = degrees_text if j in log.revolute else _metres
         unit = log.problem.robot.position_units[j]
         # A base that is turned about the first axis has the same effect.
         is_mounting = j == 0 and j in log.revolute
@@ -87,13 +93,13 @@ def list_faults(log: Likelihood, chain: LogTransform) -> Iterator[Fault]:
             kind="encoder offset",
             of_positions="zero",
             joints=(j,),
-            what=f"the zero of joint {j + 1} is {of_size(-offset)} away from the robot's"
+            what=f"the zero of joint {j + 1} is {size_text(-offset)} away from the robot's"
             f" kinematics{base}.",
             remedy=f"add {offset:+.5g} {unit} to q{j + 1}",
-            without=chain.with_entries("zero", (j,), float(middles[j])),
+            without=transform.with_entries("zero", (j,), float(middles[j])),
             number=None if middles[j] else zero_number(log, j),
-            in_words=partial(_minus, of_size),
-            number_told=operator.neg,
+            in_words=partial(_minus, size_text),
+            sort_key=operator.neg,
             repaired_by=("zero", "q"),
             figures={"shifts": [offset]},
         )
