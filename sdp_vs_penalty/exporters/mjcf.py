@@ -196,17 +196,27 @@ def _put_inertials(
     places: Sequence[PlacedBody],
     links: dict[int, Array],
 ) -> None:
-    """Write the inertials of bodies, which lie at ``places``. ``links`` has the link's
-    parameters (10,) about the joint's frame for each moving joint, by its place in the
-    tree."""
-    moving_body = dict[int, int]()  # the first body that each moving joint carries
+    """Write the model's links into the <inertial> elements of a file's bodies.
+
+    A moving joint's first body gets the joint's link; other bodies fixed to it get zero
+    mass. A held joint's body keeps its inertial, which is subtracted from the link.
+
+    Parameters
+    ----------
+    bodies, places : sequence
+        The <body> elements, and where each lies.
+    links : dict
+        Parameters (10,) of a link about its joint's frame, by the joint's index in the
+        tree; changed here.
+    """
+    first_body = dict[int, int]()  # by the moving joint that carries it
     for k, place in enumerate(places):
-        moving_body.setdefault(place.carrier, k)
+        first_body.setdefault(place.carrier, k)
     for k, place in enumerate(places):
         joint = place.carrier
-        if joint not in links or k == moving_body[joint]:
+        if joint not in links or k == first_body[joint]:
             continue
-        if place.joints:  # held: the body keeps its inertial, the moving one the rest
+        if place.joints:  # of a held joint
             carried = inertia.transform(place.pose) @ place.inertial
             links[joint] = links[joint] - carried
             _put_inertial(document, path, bodies[k], place.inertial)
@@ -214,7 +224,7 @@ def _put_inertials(
             zero_inertial = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
             _replace_inertial(document, bodies[k], zero_inertial)
     for joint, link in links.items():
-        k = moving_body[joint]
+        k = first_body[joint]
         to_body = inertia.transform(np.linalg.inv(places[k].pose))
         _put_inertial(document, path, bodies[k], to_body @ link)
 

@@ -324,7 +324,7 @@ def find_shared(links: Sequence[WrittenInertial]) -> tuple[str, list[Repair]] | 
 
 
 def _placeholders(links: Sequence[WrittenInertial], all_fit: bool) -> str:
-    """Say that all links have the same numbers, which are placeholders; "" where they
+    """Return a sentence that all links have the same placeholder numbers; "" if they
     differ, or the links may be equal modules.
 
     all_fit : whether the numbers of each link are possible, and fit its shape.
@@ -349,11 +349,10 @@ def _placeholders(links: Sequence[WrittenInertial], all_fit: bool) -> str:
 def _repaired_by(
     sentence: str, links: Sequence[WrittenInertial], before: Sequence[float]
 ) -> list[Repair]:
-    """Return the repair of each link by the convention that a sentence names; no repair
-    if some link does not fit afterwards.
+    """Return the repair of each link by one mistake, which a ``sentence`` of
+    :func:`_of_all_links` names; empty if some link does not fit its shapes afterwards.
 
-    A repair's score is the rise of the link's score (:func:`_score`), which was
-    ``before``.
+    A repair's score is the rise [nats] of the link's :func:`_score` from ``before``.
     """
     repairs = list[Repair]()
     for link, score_before in zip(links, before, strict=True):
@@ -367,21 +366,26 @@ def _repaired_by(
 
 
 def _score(link: WrittenInertial, barycentric: Array) -> float:
-    """Return the logarithm of the prior of a link's numbers; that of numbers typed anew
-    if they are impossible or do not fit the link."""
+    """Return the log prior [nats] of a link with mass, centre and inertia about it (10,).
+
+    If no body can have them, it is the log prior of a number that is typed anew.
+    """
     if not link.fits(barycentric):
         return -_CHARACTER * _ANEW
     return link.plausibility(barycentric)
 
 
 def _of_all_links(written: WrittenInertial) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield the mistakes that are made in a whole file, and the texts that each changes."""
+    """Yield the mistakes that a program makes in all links of a file: each in words, with
+    the corrected texts of one link's numbers, by name."""
     yield from _of_whole_tensor(written.texts)
     about_origin = _about_origin(written)
-    yield about_origin.sentence.partition(": ")[0], about_origin.texts
-    grams = {"mass": _shifted(written.texts["mass"], -3)[0]}
+    without_numbers = about_origin.sentence.partition(": ")[0]
+    yield without_numbers, about_origin.texts
+    texts = written.texts
+    grams = {"mass": _times_power_of_ten(texts["mass"], -3).text}
     yield "the mass is in g", grams
-    moments = {name: _shifted(written.texts[name], -3)[0] for name in MOMENTS}
+    moments = {name: _times_power_of_ten(texts[name], -3).text for name in MOMENTS}
     yield "the mass is in g, and the inertia in g m^2", {**grams, **moments}
 
 
@@ -403,7 +407,8 @@ class _Mistake(NamedTuple):
 
 
 def _hypotheses(written: WrittenInertial) -> Iterator[_Mistake]:
-    """Yield the mistakes that may have been made."""
+    """Yield the typing mistakes that may explain one inertial: of a single number, of a
+    convention, of the signs of several moments, of the reference point."""
     for name in ("mass", *CENTRE, *MOMENTS):
         yield from _of_one_number(written, name)
     for sentence, changed in _of_conventions(written.texts):
@@ -417,8 +422,8 @@ def _hypotheses(written: WrittenInertial) -> Iterator[_Mistake]:
 
 
 def _of_conventions(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield mistakes of whoever follows another convention, and the texts that each
-    changes: numbers exchanged, or in another order, sign or unit."""
+    """Yield two numbers exchanged, and other conventions of the whole tensor: each in words,
+    with the corrected texts by name."""
     for a, b in (*combinations(CENTRE, 2), *combinations(MOMENTS, 2)):
         if float(texts[a]) != float(texts[b]):
             yield f"{a} and {b} are exchanged", {a: texts[b], b: texts[a]}
@@ -426,7 +431,8 @@ def _of_conventions(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, s
 
 
 def _of_whole_tensor(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield conventions of all six numbers, or of the centre's three."""
+    """Yield other orders, signs and units of all six moments, and units of the centre: each
+    in words, with the corrected texts by name."""
     moments = [texts[name] for name in MOMENTS]
     for order in _ORDERS:
         changed = dict(zip(order, moments, strict=True))
@@ -437,15 +443,16 @@ def _of_whole_tensor(texts: Mapping[str, str]) -> Iterator[tuple[str, dict[str, 
         signs,
     )
     for k, unit in _INERTIA_UNITS.items():
-        changed = {name: _shifted(texts[name], -k)[0] for name in MOMENTS}
+        changed = {name: _times_power_of_ten(texts[name], -k).text for name in MOMENTS}
         yield f"the inertia is in {unit}", changed
     for k, unit in _CENTRE_UNITS.items():
-        changed = {name: _shifted(texts[name], -k)[0] for name in CENTRE}
+        changed = {name: _times_power_of_ten(texts[name], -k).text for name in CENTRE}
         yield f"the centre of mass is in {unit}", changed
 
 
 def _of_one_number(written: WrittenInertial, name: str) -> Iterator[_Mistake]:
-    """Yield a number with another sign, and with those powers of ten that fit."""
+    """Yield the mistakes of one number: its sign, and each power of ten with which the link
+    fits its shapes."""
     text = written.texts[name]
     value = float(text)
     if value == 0.0:
@@ -456,7 +463,7 @@ def _of_one_number(written: WrittenInertial, name: str) -> Iterator[_Mistake]:
     for k in _POWERS:
         if not written.fits(written.barycentric({name: repr(value * 10.0**k)})):
             continue
-        new, n_characters = _shifted(text, k)
+        new, n_characters = _times_power_of_ten(text, k)
         sentence = (
             f'the decimal point or exponent of {name}="{text}" is wrong: {name}="{new}"'
         )
@@ -491,12 +498,18 @@ def _negated(text: str) -> str:
     return plain[1:] if plain.startswith("-") else f"-{plain}"
 
 
-def _shifted(text: str, k: int) -> tuple[str, int]:
-    """Return the text of 10^k times a number that differs in the fewest characters,
-    and their number.
+class _Retyped(NamedTuple):
+    """Another text of a number."""
 
-    The point moves within the digits, or the exponent changes.
-    """
+    #: The text.
+    text: str
+    #: Characters to insert and delete between it and the first text.
+    n_characters: int
+
+
+def _times_power_of_ten(text: str, k: int) -> _Retyped:
+    """Return 10^k times a number as the text that differs in the fewest characters: the
+    point moves within the digits, or the exponent changes."""
     plain = text.strip()
     sign = plain[:1] if plain[:1] in ("+", "-") else ""
     mantissa, letter, exponent = _split_exponent(plain[len(sign) :])
@@ -515,7 +528,8 @@ def _shifted(text: str, k: int) -> tuple[str, int]:
     candidates.append(
         f"{sign}{mantissa}{letter or 'e'}{'-' if power < 0 else ''}{abs(power):0{width}d}"
     )
-    return min(((x, _distance(plain, x)) for x in candidates), key=lambda x: x[1])
+    retyped = [_Retyped(x, _distance(plain, x)) for x in candidates]
+    return min(retyped, key=lambda x: x.n_characters)
 
 
 def _digits(text: str) -> int:
@@ -532,8 +546,8 @@ def _split_exponent(text: str) -> tuple[str, str, str]:
 
 
 def _distance(a: str, b: str) -> int:
-    """Return how many characters to insert and delete between two texts; a replaced one
-    counts for two, for it had to be chosen."""
+    """Return the number of characters to insert and delete between two texts, by dynamic
+    programming (Levenshtein's distance; a replaced character counts twice)."""
     row = list(range(len(b) + 1))
     for i, x in enumerate(a, start=1):
         diagonal, row[0] = row[0], i

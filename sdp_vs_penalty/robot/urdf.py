@@ -276,13 +276,15 @@ def placed_links(
 
 
 def couplings_left_out(root: Any, *, has_lines: bool) -> str:
-    """Say what couples links or motors of a URDF beside its tree of joints, and is not
-    read: constraints and loops of its extensions, and reductions that are no numbers.
+    """Return a sentence about the elements of a URDF that couple links or motors and that
+    we do not read: loops and constraints of its extensions, and motor reductions that are
+    no numbers.
 
     Parameters
     ----------
     has_lines : bool
-        Whether lines are those of the user's file: a URDF made of another file has others.
+        Whether to name the elements' lines: those of a converted file mean nothing to the
+        user.
 
     Returns
     -------

@@ -301,11 +301,12 @@ def everything() -> tuple[Entry, ...]:
 
 @cache
 def declared_sets() -> tuple[dict[str, str], frozenset[str]]:
-    """Return the set of each instance that is in one, by name, and which are quick.
+    """Return the set that an instance belongs to, by the instance's name, and the names of
+    the instances of a quick shootout.
 
-    A set is "drawn", "untouched" or "conic form". Of each robot, and of the random arms,
-    those count whose names have the least hash; quick are the first of the drawn ones
-    that are small and need no measurements.
+    A set is "drawn", "untouched" or "conic form". Of each robot, and of random arms of each
+    size, it takes the instances with the least hash of their names, so that nobody
+    chooses. Quick ones are the first drawn ones that are small and need no measurements.
     """
     n_quick, most_links = _QUICK
     by_hash = sorted(

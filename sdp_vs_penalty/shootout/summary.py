@@ -636,26 +636,30 @@ def false_claims(runs: pandas.DataFrame) -> pandas.DataFrame:
 
 
 def _settings_in_words(table: pandas.DataFrame) -> str:
-    """Return the summary by setting as a Markdown table."""
-    forms: dict[str, Callable[[Any], str]] = dict.fromkeys(
+    """Return a table of :func:`by_setting` in Markdown: errors with few digits, times in
+    milliseconds, headings in words."""
+    format_by_column: dict[str, Callable[[Any], str]] = dict.fromkeys(
         ("error", "objective_error", "violation", "own_gap"), _small
     )
-    forms |= {name: _milliseconds for name in table if "seconds" in str(name)}
-    forms["attempts"] = "{:.1f}".format
-    texts = {
-        name: column.map(forms.get(str(name), str)) for name, column in table.items()
+    format_by_column |= {
+        name: _milliseconds for name in table if "seconds" in str(name)
     }
-    shown = pandas.DataFrame(texts).drop(columns=["error", "version"])
-    names = {
+    format_by_column["attempts"] = "{:.1f}".format
+    texts = {
+        name: column.map(format_by_column.get(str(name), str))
+        for name, column in table.items()
+    }
+    printed = pandas.DataFrame(texts).drop(columns=["error", "version"])
+    headings = {
+        name: str(name).replace("mean seconds", "time [ms]").replace("_", " ")
+        for name in printed
+    }
+    headings |= {
         "objective_error": "error",
         "own_gap": "dual gap",
         "file_seconds": "files [ms]",
     }
-    heads = {
-        name: str(name).replace("mean seconds", "time [ms]").replace("_", " ")
-        for name in shown
-    }
-    return _markdown(shown.rename(columns=heads | names))
+    return _markdown(printed.rename(columns=headings))
 
 
 def _contestants_in_words(runs: pandas.DataFrame) -> str:

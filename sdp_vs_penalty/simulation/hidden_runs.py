@@ -380,7 +380,9 @@ def _plan(
         "robot": _hash_of_robot(problem, setup),
         "seed": seed,
         "level": level,
-        "effects": [h.truth | {"size": (h.number or 1.0) * h.size} for h in hidden],
+        "effects": [
+            h.truth | {"size": (h.library_value or 1.0) * h.size} for h in hidden
+        ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
         "links": {
             name: float(value)
@@ -468,7 +470,9 @@ def _with_constants(
             f"choose {formatting.words(known)}" if known else "leave it out",
         )
     effect = kind(problem.robot, drawn.joints, **{**drawn.shape, **given})
-    return replace(_hidden_by_its_class(effect, links), channel=drawn.channel)
+    return replace(
+        _hidden_by_its_class(effect, links), acts_on_channels=drawn.acts_on_channels
+    )
 
 
 def _hidden_by_its_class(effect: Effect, links: Array) -> Hidden:

@@ -212,9 +212,9 @@ def check_columns_are_the_hidden_torque(name):
             f"{name}, {case.where}: {100 * share:.1f} % is not in the columns"
         )
         met |= {case.effect.robot.joints[j].kind for j in case.hidden.joints}
-        if case.hidden.number is not None and kind.sized_by == slice(None):
+        if case.hidden.library_value is not None and kind.sized_by == slice(None):
             size, _ = size_of(case.effect, theta, np.zeros((len(theta),) * 2))
-            true = case.hidden.number * case.hidden.size
+            true = case.hidden.library_value * case.hidden.size
             size = (
                 size if len(theta) == 1 else np.copysign(size, true)
             )  # a wave has no sign

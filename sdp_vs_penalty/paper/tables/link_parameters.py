@@ -187,24 +187,24 @@ def by_name(links: Array) -> pandas.Series:
     return pandas.Series(barycentric.ravel(), list(entries(len(links))))
 
 
-def _maker(name: str, title: str, letters: str, *problems: str) -> TableSpec:
-    """Return the registration of a table of link parameters, of the entries whose names
-    begin with these letters.
+def _table_spec(name: str, title: str, first_letters: str, *problems: str) -> TableSpec:
+    """Return the specification of a table of those link parameters whose names begin with
+    one of ``first_letters``, for some problems.
 
-    "m" is a mass, "c" a centre of mass, "I" an inertia: letters "mc" make the table of
-    masses and centres.
+    "m" is a mass, "c" a centre of mass, "I" an inertia: "mc" makes the table of masses and
+    centres.
     """
     build = partial(
         link_table,
         name=name,
         title=title,
-        chosen=lambda parameter: parameter[0] in letters,
+        chosen=lambda parameter: parameter[0] in first_letters,
     )
     return TableSpec(
         name, f"Table {name}: {title}, published and ours.", build, problems
     )
 
 
-VII = _maker("VII", "parameters", "mcI", "two_link")
-VIII = _maker("VIII", "masses and centres of mass", "mc")
-IX = _maker("IX", "inertias about the centres of mass", "I")
+VII = _table_spec("VII", "parameters", "mcI", "two_link")
+VIII = _table_spec("VIII", "masses and centres of mass", "mc")
+IX = _table_spec("IX", "inertias about the centres of mass", "I")

@@ -92,9 +92,9 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
 
 @register_table("routes", "panda", slow=True)
 def routes(study: Study) -> StudyTable:
-    """One problem, two routes: SDP and penalty on the same constraints, and the paper's.
+    """Routes table: SDP and penalty on the same constraints, and the paper's methods.
 
-    Without the real run the simulated one, whose motion is judged without folds.
+    They are judged on folds of the real run; on the simulated runs where it is absent.
     """
     data = study.repeated or study.simulated
     names = routes_of(study)

@@ -29,8 +29,8 @@ from sdp_vs_penalty.simulation.worlds.world import (
 )
 
 #: Maps a world, its motion and a size to the added torque (N, n), or to a shift (N,).
-Change = Callable[[World, TrueMotion, float], Array]
-#: Makes an effect for a world (``made_for``) and a joint (from 0), with random constants;
+SizedLaw = Callable[[World, TrueMotion, float], Array]
+#: Makes an effect for a world (``drawing_world``) and a joint (from 0), with random constants;
 #: some makers need only a part of this. The ``world`` in which the effect acts later may
 #: also hold the torque of other effects.
 Maker = Callable[[World, int, np.random.Generator], "Hidden"]
@@ -47,33 +47,35 @@ class Hidden:
     #: Indices of the joints, from 0; none for the whole robot.
     joints: tuple[int, ...]
     #: Returns the torque (N, n) [N m, N] that the effect adds at a size.
-    change: Change
+    added_torque: SizedLaw
     #: The library's parameter at size 1; None where it has no single one.
-    number: float | None = 1.0
+    library_value: float | None = 1.0
     #: Constants of the law's shape by name.
     shape: Mapping[str, float] = field(default_factory=dict)
     #: Factor on the effect.
     size: float = 1.0
     #: Returns by how much (N,) [rad, m] the joint's link stands elsewhere than its
     #: encoder says; None where the effect does not act that way.
-    shift: Change | None = None
+    shift: SizedLaw | None = None
     #: Further facts for truth.json.
     details: Mapping[str, Any] = field(default_factory=dict)
     #: The library's name of the effect, from the tables of makers.
     effect: str = ""
     #: Whether it acts on the sum of what all others add.
-    channel: bool = False
+    acts_on_channels: bool = False
     #: World, joint (from 0) and random numbers of its maker, from which a pickle makes
     #: the effect again; None for an effect that no table names.
-    made_of: tuple[World, int, Generator] | None = field(default=None, repr=False)
+    maker_arguments: tuple[World, int, Generator] | None = field(
+        default=None, repr=False
+    )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how a pickle makes the effect again: by its maker, since the maker's
-        local functions have no name in a module."""
-        if self.made_of is None:
+        """Return the function and arguments by which pickle restores the effect: its maker
+        and the maker's arguments, since local functions cannot be pickled."""
+        if self.maker_arguments is None:
             values = [getattr(self, entry.name) for entry in fields(self)]
             return type(self), tuple(values)
-        return _made_again, (self.effect, self.made_of, self.size)
+        return _remake, (self.effect, self.maker_arguments, self.size)
 
     def torque(self, world: World, motion: TrueMotion) -> Array:
         """Return the torque (N, n) [N m, N] that the effect adds at its size.
@@ -83,7 +85,7 @@ class Hidden:
         motion : TrueMotion
             N samples of the joints' motion.
         """
-        return self.change(world, motion, self.size)
+        return self.added_torque(world, motion, self.size)
 
     def sized(
         self, world: World, motions: Sequence[TrueMotion], factor: float
@@ -124,7 +126,9 @@ class Hidden:
         return {
             "effect": self.effect,
             "joints": [joint + 1 for joint in self.joints],
-            "size": None if self.number is None else self.number * self.size,
+            "size": None
+            if self.library_value is None
+            else self.library_value * self.size,
             "shape": dict(self.shape),
             "details": dict(self.details),
         }
@@ -145,16 +149,18 @@ def make_hidden(name: str, world: World, joint: int, rng: Generator) -> Hidden:
     Hidden
         The effect, which can be pickled.
     """
-    made_of = world, joint, deepcopy(rng)  # before the maker draws from it
-    return replace(MAKERS[name](world, joint, rng), effect=name, made_of=made_of)
+    maker_arguments = world, joint, deepcopy(rng)  # before the maker draws from it
+    return replace(
+        MAKERS[name](world, joint, rng), effect=name, maker_arguments=maker_arguments
+    )
 
 
-def _made_again(
-    name: str, made_of: tuple[World, int, Generator], size: float
+def _remake(
+    name: str, maker_arguments: tuple[World, int, Generator], size: float
 ) -> Hidden:
-    """Make an effect again from what it was made of, which does not change; ``size`` is
-    its size."""
-    return replace(make_hidden(name, *deepcopy(made_of)), size=size)
+    """Make an effect again by its name and a copy of its maker's arguments (world, joint
+    from 0, random numbers), at a size."""
+    return replace(make_hidden(name, *deepcopy(maker_arguments)), size=size)
 
 
 def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
@@ -174,10 +180,10 @@ def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[
         In the order of ``hidden`` [N m, N].
     """
     torque_by_effect = dict[int, Array]()
-    channels_last = sorted(range(len(hidden)), key=lambda k: hidden[k].channel)
+    channels_last = sorted(range(len(hidden)), key=lambda k: hidden[k].acts_on_channels)
     for k in channels_last:
         acts_on = world
-        if hidden[k].channel:
+        if hidden[k].acts_on_channels:
             so_far = sum(torque_by_effect.values(), 0.0)
             acts_on = replace(world, more=world.more + so_far)
         torque_by_effect[k] = hidden[k].torque(acts_on, motion)
@@ -187,7 +193,7 @@ def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[
 def at_joint(
     joint: int,
     law: Callable[[World, TrueMotion], Array],
-    number: float | None = 1.0,
+    library_value: float | None = 1.0,
     /,
     **shape: float,
 ) -> Hidden:
@@ -199,7 +205,7 @@ def at_joint(
         Index of the joint, from 0.
     law : callable
         Maps world and motion to the torque (N,) at size 1.
-    number : float or None
+    library_value : float or None
         The library's parameter at size 1; None if it has several.
     shape : float
         Constants of the effect, by the library's names.
@@ -210,11 +216,11 @@ def at_joint(
         The effect, of size 1.
     """
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the torque (N, n), zero on other joints."""
         return np.outer(size * law(world, motion), np.eye(world.arm.n)[joint])
 
-    return Hidden((joint,), change, number, shape)
+    return Hidden((joint,), added_torque, library_value, shape)
 
 
 def plain(
@@ -244,7 +250,7 @@ def plain(
 
 
 def shifted(
-    joint: int, shift: Change, number: float, size: float, rates: bool = True
+    joint: int, shift: SizedLaw, library_value: float, size: float, rates: bool = True
 ) -> Hidden:
     """Make an effect by which a link stands at q + shift, while its encoder shows q.
 
@@ -255,15 +261,15 @@ def shifted(
     ----------
     joint : int
         Index of the joint, from 0.
-    shift : Change
+    shift : SizedLaw
         Maps world, motion and size to the shift (N,) [rad, m].
-    number : float
+    library_value : float
         The library's parameter at size 1.
     rates : bool
         Whether velocity and acceleration of the link follow the shift.
     """
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the rigid-body torque (N, n) of the shifted links minus that of the
         encoders' motion."""
         moved = displaced(motion, joint, shift(world, motion, size))
@@ -271,7 +277,7 @@ def shifted(
             moved = replace(motion, q=moved.q)
         return world.rigid(moved) - world.rigid(motion)
 
-    return Hidden((joint,), change, number, size=size, shift=shift)
+    return Hidden((joint,), added_torque, library_value, size=size, shift=shift)
 
 
 def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
@@ -358,13 +364,13 @@ def _require_two_joints(world: World, effect: str) -> None:
         )
 
 
-def _stribeck(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _stribeck(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a Stribeck effect on a joint (from 0): dry friction that falls with speed.
 
     tau = size sign(dq) exp(-(dq / vs)^2), with the velocity vs drawn at random.
     Armstrong-Helouvry et al., Automatica 1994, eq. 7.
     """
-    vs = _unit(made_for, joint) * log_uniform(rng, 0.04, 0.3)
+    vs = _unit(drawing_world, joint) * log_uniform(rng, 0.04, 0.3)
 
     return at_joint(
         joint,
@@ -377,7 +383,11 @@ def _stribeck(made_for: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _presliding(
-    made_for: World, joint: int, rng: Generator, low: float = 0.001, high: float = 0.01
+    drawing_world: World,
+    joint: int,
+    rng: Generator,
+    low: float = 0.001,
+    high: float = 0.01,
 ) -> Hidden:
     """Make presliding hysteresis on a joint (from 0): after a reversal, friction builds
     up over a travel d.
@@ -387,7 +397,7 @@ def _presliding(
     size z. The travel d [rad, m] is drawn between ``low`` and ``high`` times the
     joint's typical speed in one second.
     """
-    d = _unit(made_for, joint) * log_uniform(rng, low, high)
+    d = _unit(drawing_world, joint) * log_uniform(rng, low, high)
 
     return at_joint(
         joint,
@@ -407,14 +417,14 @@ def _behind(t: Array, speed: Array, d: float) -> Array:
     return states[:, 0]
 
 
-def _sigmoid(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _sigmoid(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make sigmoid friction on a joint (from 0): a part of the Coulomb friction rises
     slowly with the velocity, over v0, instead of jumping.
 
     tau = size (tanh(dq / v0) - sign(dq)): the second term takes this part out of the
     world's Coulomb friction. v0 is drawn at random. Gaz et al., RA-L 2019, eq. 9.
     """
-    v0 = _unit(made_for, joint) * log_uniform(rng, 0.05, 0.3)
+    v0 = _unit(drawing_world, joint) * log_uniform(rng, 0.05, 0.3)
 
     return at_joint(
         joint,
@@ -425,7 +435,7 @@ def _sigmoid(made_for: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _power(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _power(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction on a joint (from 0) that grows with a power of the speed: tau =
     size sign(dq) |dq|^alpha, with alpha drawn below or above 1."""
     is_degressive = rng.random() < 0.5
@@ -440,7 +450,7 @@ def _power(made_for: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, alpha=alpha)
 
 
-def _coupling(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _coupling(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that depends on the velocity dq_i of a
     neighbour i.
 
@@ -448,11 +458,11 @@ def _coupling(made_for: World, joint: int, rng: Generator) -> Hidden:
     tanh(v / width) with v = dq_i (2), dq + dq_i (3) or dq - dq_i (4). Janot et al.,
     IEEE TCST 2014.
     """
-    _require_two_joints(made_for, "joint_coupling")
+    _require_two_joints(drawing_world, "joint_coupling")
     i = joint - 1 if joint > 0 else 1
     form = int(rng.integers(1, 5))
     side = float(rng.choice([-1.0, 1.0]))
-    width = float(np.median(made_for.dry.width))
+    width = float(np.median(drawing_world.dry.width))
 
     def law(world: World, motion: TrueMotion) -> Array:
         """Return the torque (N,) [N m, N] at size 1."""
@@ -467,25 +477,25 @@ def _coupling(made_for: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, side, i=float(i + 1), form=float(form))
 
 
-def _belt(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _belt(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a belt between a joint (from 0) and the next one, or the last two.
 
     It stores size (q_j - r q_i)^2 / 2 with a ratio r that is drawn.
     """
-    _require_two_joints(made_for, "elastic_coupling")
-    first = min(joint, made_for.arm.n - 2)
+    _require_two_joints(drawing_world, "elastic_coupling")
+    first = min(joint, drawing_world.arm.n - 2)
     ratio = float(rng.uniform(0.5, 1.5))
-    pull = np.zeros(made_for.arm.n)
+    pull = np.zeros(drawing_world.arm.n)
     pull[first : first + 2] = -ratio, 1.0
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         return np.outer(size * (motion.q @ pull), pull)
 
-    return Hidden((first, first + 1), change, -ratio)
+    return Hidden((first, first + 1), added_torque, -ratio)
 
 
-def _warming(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _warming(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that fades as the gears warm up, with time
     constant T.
 
@@ -505,7 +515,7 @@ def _warming(made_for: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, None, form=float(form), T=T)
 
 
-def _by_temperature(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _by_temperature(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that falls with the measured temperature C of
     its gear.
 
@@ -527,7 +537,7 @@ def _by_temperature(made_for: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, law=1.0 + viscous, by=1.0, warm=warm)
 
 
-def _transmission(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _transmission(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a motor that turns with a combination v = c^T dq of two
     neighbours.
 
@@ -539,7 +549,9 @@ def _transmission(made_for: World, joint: int, rng: Generator) -> Hidden:
     """
     # First joints of two revolute neighbours; the pair nearest to ``joint`` is taken.
     pairs = [
-        i for i in range(made_for.arm.n - 1) if made_for.arm.rotary[i : i + 2].all()
+        i
+        for i in range(drawing_world.arm.n - 1)
+        if drawing_world.arm.rotary[i : i + 2].all()
     ]
     if not pairs:
         raise InputError(
@@ -550,11 +562,11 @@ def _transmission(made_for: World, joint: int, rng: Generator) -> Hidden:
     ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
     d = log_uniform(rng, 0.002, 0.01)
     vs = log_uniform(rng, 0.05, 0.25)
-    width = float(np.median(made_for.dry.width))
-    c = np.zeros(made_for.arm.n)
+    width = float(np.median(drawing_world.dry.width))
+    c = np.zeros(drawing_world.arm.n)
     c[first], c[first + 1] = 1.0, ratio
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         v = motion.dq @ c
         if law == 3:
@@ -572,13 +584,13 @@ def _transmission(made_for: World, joint: int, rng: Generator) -> Hidden:
         "law": float(law),
         **law_constants,
     }
-    return Hidden((first, first + 1), change, 1.0, shape)
+    return Hidden((first, first + 1), added_torque, 1.0, shape)
 
 
-def _load_hysteresis(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _load_hysteresis(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that is proportional to its load and builds up
     over a travel d: tau = size |tau_rigid| z, with the state z of Dahl's model."""
-    d = _unit(made_for, joint) * log_uniform(rng, 0.002, 0.01)
+    d = _unit(drawing_world, joint) * log_uniform(rng, 0.002, 0.01)
 
     return at_joint(
         joint,
@@ -590,7 +602,7 @@ def _load_hysteresis(made_for: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _slip(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _slip(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make Maxwell slip on a joint (from 0): three springs in parallel, each with a
     slider.
 
@@ -598,7 +610,7 @@ def _slip(made_for: World, joint: int, rng: Generator) -> Hidden:
     d or 16 d and slips at -1 and 1; the weights w_i sum to 1. Al-Bender et al., IEEE
     TAC 2005.
     """
-    d = _unit(made_for, joint) * log_uniform(rng, 0.001, 0.004)
+    d = _unit(drawing_world, joint) * log_uniform(rng, 0.001, 0.004)
     travel = d * np.array([1.0, 4.0, 16.0])
     weight = rng.dirichlet(np.ones(3))
 
@@ -614,7 +626,7 @@ def _slip(made_for: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, None, d=d)
 
 
-def _position(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _position(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make dry friction of a joint (from 0) whose size varies with the position: tau =
     size cos(k q + phase) sign(dq).
 
@@ -622,7 +634,7 @@ def _position(made_for: World, joint: int, rng: Generator) -> Hidden:
     prismatic joint. Popovic, Goldenberg 1998.
     """
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    if made_for.arm.rotary[joint]:
+    if drawing_world.arm.rotary[joint]:
         k = float(rng.integers(1, 4))
     else:
         k = 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
@@ -699,17 +711,17 @@ def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _end_stop(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _end_stop(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a spring that a joint (from 0) touches at one end of its range only.
 
     It begins at the middle of the range, or up to half of the way from there to the
     end. Joints without limits have a range of half a turn, or half a metre, to each
     side.
     """
-    at = made_for.built.idx_qs[joint + 1]
-    span = np.pi if made_for.arm.rotary[joint] else 0.5
-    low = max(float(made_for.built.lowerPositionLimit[at]), -span)
-    high = min(float(made_for.built.upperPositionLimit[at]), span)
+    at = drawing_world.built.idx_qs[joint + 1]
+    span = np.pi if drawing_world.arm.rotary[joint] else 0.5
+    low = max(float(drawing_world.built.lowerPositionLimit[at]), -span)
+    high = min(float(drawing_world.built.upperPositionLimit[at]), span)
     is_above = bool(rng.integers(2))
     offset = 0.25 * (high - low) * float(rng.uniform(0.0, 1.0))
     q0 = float(f"{0.5 * (low + high) + (offset if is_above else -offset):.6g}")
@@ -723,20 +735,20 @@ def _end_stop(made_for: World, joint: int, rng: Generator) -> Hidden:
     return at_joint(joint, law, q0=q0, side=1.0 if is_above else 2.0)
 
 
-def _gain(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _gain(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a wrong gain of the torque channel of a joint (from 0): it adds +-size times
     the torque."""
     make = plain(
         lambda world, joint, motion: world.torque(motion)[:, joint], signed=True
     )
-    return replace(make(made_for, joint, rng), channel=True)
+    return replace(make(drawing_world, joint, rng), acts_on_channels=True)
 
 
-def _crosstalk(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _crosstalk(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a torque channel of a joint (from 0) that holds +-size times the torque of
     a neighbour of the joint."""
-    _require_two_joints(made_for, "torque_crosstalk")
-    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < made_for.arm.n]
+    _require_two_joints(drawing_world, "torque_crosstalk")
+    neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < drawing_world.arm.n]
     partner = int(rng.choice(neighbours))
 
     side = float(rng.choice([-1.0, 1.0]))
@@ -747,7 +759,7 @@ def _crosstalk(made_for: World, joint: int, rng: Generator) -> Hidden:
         side,
         i=float(partner + 1),
     )
-    return replace(crosstalk, channel=True, size=0.05)
+    return replace(crosstalk, acts_on_channels=True, size=0.05)
 
 
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
@@ -758,7 +770,7 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     () for the whole robot.
     """
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         tau = world.torque(motion)
         delayed = tau.copy()
@@ -767,14 +779,14 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
             delayed[:, joint] = np.interp(t - size, t, tau[:, joint])
         return delayed - tau
 
-    return Hidden(joints, change, size=1e-3, channel=True)
+    return Hidden(joints, added_torque, size=1e-3, acts_on_channels=True)
 
 
-def _filter(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _filter(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a low-pass filter 1 / (1 + T s) of all torque channels: the added torque is
     the filtered torque minus the torque, and the size is T [s]."""
 
-    def change(world: World, motion: TrueMotion, T: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, T: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         # The motion's grid may be too coarse for a filter of some milliseconds: effects
         # are sized at 200 Hz. So the filter runs on a grid of 0.25 ms or finer.
@@ -785,7 +797,7 @@ def _filter(made_for: World, joint: int, rng: Generator) -> Hidden:
         passed = first_order(fine, float(t[1] - t[0]), T)
         return _resample(motion.t, t, passed) - tau
 
-    return Hidden((), change, size=1e-3, channel=True)
+    return Hidden((), added_torque, size=1e-3, acts_on_channels=True)
 
 
 def _resample(t: Array, t_known: Array, values: Array) -> Array:
@@ -803,7 +815,7 @@ def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
     )
 
 
-def _elasticity(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _elasticity(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make an elastic joint (from 0): its link lags behind the encoder by the
     compliance times the torque that the link needs.
 
@@ -821,25 +833,42 @@ def _elasticity(made_for: World, joint: int, rng: Generator) -> Hidden:
     return shifted(joint, shift, 1.0, 1e-5)
 
 
-def _resonance(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _gear_at_frequency(
+    world: World, joint: int, f: float, zeta: float
+) -> tuple[float, float]:
+    """Return stiffness k [N m/rad, N/m] and damping d [N m s/rad, N s/m] of a gear on which
+    a joint's (from 0) mean inertia M swings at f [Hz] with the damping ratio zeta.
+
+    k = (2 pi f)^2 M, d = 2 zeta sqrt(k M), M the mean over 16 random positions.
+    """
+    n = world.arm.n
+    q = np.random.default_rng(0).uniform(-1.5, 1.5, (16, n))
+    at_rest = TrueMotion(np.arange(16.0), q, 0.0 * q, 0.0 * q)
+    # Inertia is the torque that a unit of acceleration adds.
+    accelerated = replace(at_rest, ddq=at_rest.ddq + np.eye(n)[joint])
+    torques_of_unit = world.rigid(accelerated) - world.rigid(at_rest)
+    stiffness = (2.0 * np.pi * f) ** 2 * torques_of_unit[:, joint].mean()
+    return stiffness, zeta * stiffness / (np.pi * f)
+
+
+def _resonance(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make an elastic joint (from 0), whose link swings on its gear.
 
-    The link's shift s obeys M s'' + (D + d) s' + (K + k) s = -tau. M, D and K are the
-    derivatives of the link's torque by acceleration, velocity and position. The gear's
-    stiffness k makes the mean inertia of 16 random positions swing at the frequency f,
-    with the damping ratio zeta; both are drawn. The torque at size 1 is that of this
-    gear; other sizes multiply it. Spong 1987.
+    The link's shift s [rad, m] obeys M s'' + (D + d) s' + (K + k) s = -tau, with M, D and
+    K the derivatives of the link's torque by acceleration, velocity and position. The
+    gear's stiffness k and damping d follow from a drawn frequency f [Hz] and damping
+    ratio zeta. Sizes multiply the torque. Spong 1987.
     """
     f = log_uniform(rng, 2.0, 5.0)
     zeta = log_uniform(rng, 0.02, 0.1)
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the torque (N, n) [N m, N] that the elastic joint adds at this size.
 
         The link's swing is solved by Newmark's method; it moves the rigid arm.
         """
         of_joint = np.eye(motion.q.shape[1])[joint]
-        step = 1e-5  # of the central differences [rad, m] and their rates
+        step = 1e-5  # [rad, m] and their rates: small beside the motion
 
         def slope(state: str) -> Array:
             """Return the derivative (N,) of the joint's torque by its q, dq or ddq."""
@@ -848,13 +877,7 @@ def _resonance(made_for: World, joint: int, rng: Generator) -> Hidden:
             above = world.rigid(replace(motion, **{state: value + step * of_joint}))
             return (above - below)[:, joint] / (2.0 * step)
 
-        random_q = np.random.default_rng(0).uniform(-1.5, 1.5, (16, len(of_joint)))
-        at_rest = TrueMotion(np.arange(16.0), random_q, 0.0 * random_q, 0.0 * random_q)
-        # Inertia is the torque that a unit of acceleration adds.
-        pushed = replace(at_rest, ddq=at_rest.ddq + of_joint)
-        inertia = (world.rigid(pushed) - world.rigid(at_rest))[:, joint].mean()
-        stiffness = (2.0 * np.pi * f) ** 2 * inertia  # k = (2 pi f)^2 M
-        damping = zeta * stiffness / (np.pi * f)  # d = 2 zeta sqrt(k M)
+        stiffness, damping = _gear_at_frequency(world, joint, f, zeta)
         shift = newmark(
             motion.t,
             mass=slope("ddq"),
@@ -866,19 +889,19 @@ def _resonance(made_for: World, joint: int, rng: Generator) -> Hidden:
         moved = displaced(motion, joint, 0.01 * shift)
         return 100.0 * size * (world.rigid(moved) - world.rigid(motion))
 
-    return Hidden((joint,), change, None, {"f": f, "zeta": zeta})
+    return Hidden((joint,), added_torque, None, {"f": f, "zeta": zeta})
 
 
-def _gear_error(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _gear_error(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a gear of a joint (from 0) that turns unevenly: its link stands at q + x, x =
     size cos(k q + phase).
 
     k is 2 to 100 waves per turn; a prismatic joint's screw has a lead of 8 to 70 mm. No
     power is lost: the motor carries (1 + dx/dq) times its link's torque.
     """
-    phase, k = _waves(made_for, joint, rng, most=100)
+    phase, k = _waves(drawing_world, joint, rng, most=100)
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size [rad, m]."""
         dq, ddq = motion.dq[:, joint], motion.ddq[:, joint]
         angle = k * motion.q[:, joint] + phase
@@ -890,7 +913,7 @@ def _gear_error(made_for: World, joint: int, rng: Generator) -> Hidden:
         torque[:, joint] *= 1.0 + slope
         return torque - world.rigid(motion)
 
-    return Hidden((joint,), change, 1.0, {"k": k}, size=1e-4)
+    return Hidden((joint,), added_torque, 1.0, {"k": k}, size=1e-4)
 
 
 def newmark(
@@ -925,7 +948,7 @@ def newmark(
     return x
 
 
-def _backlash(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _backlash(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make backlash of a joint (from 0): its link rests on the flank that its torque
     presses it to.
 
@@ -942,22 +965,22 @@ def _backlash(made_for: World, joint: int, rng: Generator) -> Hidden:
     return shifted(joint, shift, 1.0, 1e-4, rates=False)
 
 
-def _tilt(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _tilt(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a tilted base: gravity has a horizontal part in a random direction. The size
     is that part [m/s^2]; the joint is not used."""
     angle = float(rng.uniform(0.0, 2.0 * np.pi))
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         tilted = pin.Model(world.built)
         horizontal = size * np.array([np.cos(angle), np.sin(angle), 0.0])
         tilted.gravity.linear = world.built.gravity.linear + horizontal
         return world.rigid(motion, tilted) - world.rigid(motion)
 
-    return Hidden((), change, 1.0, size=0.1)
+    return Hidden((), added_torque, 1.0, size=0.1)
 
 
-def _wrench(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _wrench(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a constant force F and moment M on the last link, in world axes and of
     random direction.
 
@@ -966,7 +989,7 @@ def _wrench(made_for: World, joint: int, rng: Generator) -> Hidden:
     """
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         data = world.built.createData()
         torques_of_rows = []
@@ -975,34 +998,34 @@ def _wrench(made_for: World, joint: int, rng: Generator) -> Hidden:
             torques_of_rows.append(-size * (jacobian.T @ force))
         return np.array(torques_of_rows)
 
-    return Hidden((), change, None)
+    return Hidden((), added_torque, None)
 
 
-def _payload(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _payload(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a payload: a ball of 5 cm radius at a random place on the last link. The
     size is its mass [kg]; the joint is not used."""
-    last_link = made_for.arm.model.jointPlacements[-1].translation
+    last_link = drawing_world.arm.model.jointPlacements[-1].translation
     reach = float(np.linalg.norm(last_link)) + 0.05
     centre = rng.uniform(-0.5, 0.5, 3) * reach
 
-    def change(world: World, motion: TrueMotion, mass: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, mass: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         loaded = pin.Model(world.built)
         ball = pin.Inertia(mass, centre, pin.Inertia.FromSphere(mass, 0.05).inertia)
         loaded.inertias[world.arm.last] = world.built.inertias[world.arm.last] + ball
         return world.rigid(motion, loaded) - world.rigid(motion)
 
-    return Hidden((), change, 1.0, size=0.1, details={"com": centre.tolist()})
+    return Hidden((), added_torque, 1.0, size=0.1, details={"com": centre.tolist()})
 
 
-def _misplaced(made_for: World, joint: int, rng: Generator) -> Hidden:
+def _misplaced(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make joints that are misplaced against the kinematic model.
 
     At size 1 the standard deviations are 0.1 mm and 0.2 mrad about each axis.
     """
     seed = int(rng.integers(2**32))
 
-    def change(world: World, motion: TrueMotion, size: float) -> Array:
+    def added_torque(world: World, motion: TrueMotion, size: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
         slip = 1e-4 * size
         turn = np.rad2deg(2e-4 * size)
@@ -1011,7 +1034,7 @@ def _misplaced(made_for: World, joint: int, rng: Generator) -> Hidden:
         )
         return world.rigid(motion, displaced_world) - world.rigid(motion)
 
-    return Hidden((), change, None)
+    return Hidden((), added_torque, None)
 
 
 #: Dahl's friction over a travel that hardly shows.
