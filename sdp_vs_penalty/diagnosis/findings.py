@@ -1284,6 +1284,33 @@ class Diagnosis(Record, JsonRecord):
         _, best = min(harmless, key=lambda x: x[1].size)
         return next(x for x, outcome in harmless if outcome.does_as_much_as(best))
 
+    @property
+    def choices(self) -> tuple[Remedy, ...]:
+        """What is advised to add, and the other choice beside it: all that helps, or what is
+        read first, with what it needs. Empty where nothing helps."""
+        if self.main_offer is None:
+            return ()
+        others = [self._offer_of_all]
+        if self.main_finding is not None:
+            others.append(self.offer_with_companion(self.main_finding))
+        advised = {*self.main_offer.change.arguments["effects"]}
+        others = [x for x in others if {*x.change.arguments["effects"]} != advised]
+        return self.main_offer, *others[:1]
+
+    def offer_with_companion(self, finding: Finding) -> Remedy:
+        """Return the offer of a finding; of one that lowers no error by itself that of both,
+        it and the one beside which it does."""
+        offer, pair = self.offer_of(finding), self.pair_of(finding)
+        if pair is None:
+            return offer
+        return replace(
+            offer,
+            problem=pair.title,
+            change=pair.change,
+            before=tuple(self.held_out_rmse_before.tolist()),
+            after=tuple(pair.after.tolist()),
+        )
+
     def outcome_of(self, offer: Remedy) -> OfferOutcome | None:
         """Return what an offer does to the errors on data left out; None where they were
         not computed."""

@@ -76,10 +76,26 @@ class OfferOutcome:
         amounts = formatting.amounts(errors, self.units[joint - 1])
         return f"{amounts} ({formatting.change_of(*errors)})"
 
+    def share_of(self, joint: int) -> str:
+        """Say by how much the error of a joint (from 1) changes: "joint 3's +7 %"."""
+        errors = (float(x[joint - 1]) for x in (self.before, self.after))
+        return f"joint {joint}'s {formatting.change_of(*errors)}"
+
+    def shown(self, worst: int) -> int:
+        """The joint (from 1) by which it is said: the one that errs most, ``worst``, or where
+        that does not gain the one that gains most."""
+        return worst if self.falls(worst) else self.gains_most
+
+    def in_brief(self, worst: int) -> str:
+        """Say by how much the error changes of the joint that :meth:`in_words` shows, and of
+        those that err more."""
+        rising = [self.share_of(joint) for joint in self.rising]
+        return ", ".join(dict.fromkeys([self.share_of(self.shown(worst)), *rising]))
+
     def in_words(self, worst: int) -> str:
         """Say how the error changes of the joint that errs most, ``worst`` (from 1), or where
         that does not gain of the one that gains most, and which joints err more."""
-        most = worst if self.falls(worst) else self.gains_most
+        most = self.shown(worst)
         if not self.falls(most):
             texts = [f"joint {worst} does not gain: {self.change_of(worst)}"]
         else:

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.constants import MINOR
@@ -17,25 +15,24 @@ from sdp_vs_penalty.diagnosis.findings import (
     SOME_ERROR_IS_LEFT,
     Diagnosis,
     Finding,
+    Group,
+    Retune,
     constants_in_words,
     named_on_joints,
 )
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
-from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, LOG, over_noise
+from sdp_vs_penalty.estimation.verdict import LOG
 from sdp_vs_penalty.exporters.export import FILES_TO_TAKE
 from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.models import MOTION
 from sdp_vs_penalty.page.run_issues import asks_for_unit, is_refused
 from sdp_vs_penalty.page.session import Session
-from sdp_vs_penalty.page.spoken import label_of, spoken
-from sdp_vs_penalty.page.stages.use import models_taken
+from sdp_vs_penalty.page.spoken import label_of, repairs_in_words, spoken
 from sdp_vs_penalty.page.view import (
     StageVerdict,
     View,
     arm_in_words,
     changes_in_words,
-    changes_of_data_in_words,
     checked,
     graded,
     identified,
@@ -73,6 +70,8 @@ class NextStep:
     #: What the step does to an error, or how large one is, and what that is measured on;
     #: "" where nothing is measured.
     number: str = ""
+    #: What it does to the errors, in brief, of a step that adds something.
+    outcome: str = ""
     #: What else is known.
     more: str = ""
     #: Stage and part in which that number is drawn.
@@ -89,22 +88,21 @@ def next_step(view: View) -> NextStep:
     step = _find_step(view)
     if view.session.model is not None:
         step = _with_doubt_of_log(view.session, step)
-        if changed := changes_of_data_in_words(view.session):
+        if changed := repairs_in_words(view.session.repairs):
             number = step.number and f"{step.number.rstrip('.')}. "
             figure = step.figure if number else ("check", "check")
             number = f"{number}Judged with the data changed."
-            more = _sentences(step.more, changed)
+            more = _sentences(step.more, f"Changed: {changed}")
             step = replace(step, number=number, more=more, figure=figure)
         is_computed = any(run.get("rougher") for run in view.session.runs)
         said = "The torque was computed by a controller, not measured. "
         return (
             replace(step, text=said + step.text, level="bad") if is_computed else step
         )
+    line, *more = re.split(r"(?<=[.?!]) ", step.text, maxsplit=1)
     if len(step.text) <= _MOST_IN_LINE:
         return step
-    line = re.sub(r" [(][^)]*[)]", "", step.text).partition(". ")[0].rstrip(".")
-    end = "" if line.endswith("?") else "."
-    return replace(step, text=f"{line}{end}", more=step.text)
+    return replace(step, text=line, more=_sentences(step.more, *more))
 
 
 def _sentences(*texts: str) -> str:
@@ -336,8 +334,7 @@ def _of_model(view: View) -> NextStep:
         errors = [x.comparison["rmse"] for x in (below, current)]
         number = changes_in_words(session, below.worst_joint, *errors)
         number = formatting.sentence(number)
-        lesser = session.current.lesser_files(models_taken(session))
-        more = _sentences(_added(session), lesser, arm_in_words(session), more)
+        more = _sentences(_added(session), arm_in_words(session), more)
     diagnosis = session.findings_of_current
     known: dict[str, Any] = {"level": level, "number": number, "more": more}
     if len(session.history) == 1 and diagnosis is None:
@@ -368,19 +365,15 @@ def _of_model(view: View) -> NextStep:
             text = f"{of_model.word}. {graded(remedy.problem, remedy.certainty)}"
             do = partial(session.start, session.apply, change.to_dict())
             return NextStep(text, label_of(change.words), "check", do, **known)
-        known["more"] = _sentences(spoken(diagnosis.cause), more)
-        known["number"] = f"{headline} Measured {measured_on(session)}"
-        text = f"{of_model.word}. {_without_remedy(session, diagnosis)}"
+        said, why = _without_remedy(session, diagnosis)
+        text = f"{of_model.word}. {said}"
+        known["more"] = _sentences(why, more)
+        known["number"] = f"{headline} Measured {measured_on(session)}."
         if in_doubt:
             known["other"] = _report(view)
             return replace(_settle_doubt(session), text=text, **known)
         if level != "good":
-            step = _curve_to_add(session, diagnosis) or _motion_to_record(view)
-            known["more"] = _sentences(known["more"], step.text)
-            label = "Choose other measurements"
-            others = NextStep("", label, "measure", opens="drop-runs")
-            known["other"] = others if level == "bad" else _report(view)
-            return replace(step, text=text, **known)
+            return _of_unexplained(view, diagnosis, text, known)
     test = NextStep(text, "Test it on a new run", "measure", opens="drop-runs")
     if "report.html" in session.taken:
         return replace(test, **known)
@@ -414,17 +407,55 @@ def _report(view: View) -> NextStep:
     return NextStep("", "Download the report", "use", do)
 
 
-def _without_remedy(session: Session, diagnosis: Diagnosis) -> str:
-    """Say what a diagnosis that adds nothing has found; of an error beyond the noise what
-    it follows."""
+def _without_remedy(session: Session, diagnosis: Diagnosis) -> tuple[str, str]:
+    """Return what a diagnosis that adds nothing has found, and why; of an error beyond the
+    noise what it follows."""
     model = session.current
     is_within_noise = (
         model.verdict.grade == "good" or model.verdict.is_lowered_by_log_alone
     )
+    cause = spoken(diagnosis.cause)
     if is_within_noise or not model.failures:
-        return in_brief(spoken(diagnosis.cause))
+        return in_brief(cause), ""
     found = bool(diagnosis.effects)
-    return describe_unexplained(model.where_it_fails, model.worst_joint, found)
+    return describe_unexplained(model.where_it_fails, model.worst_joint, found), cause
+
+
+def _of_unexplained(
+    view: View, diagnosis: Diagnosis, text: str, known: Mapping[str, Any]
+) -> NextStep:
+    """Return the step of a model whose error nothing sure explains: its measured curve
+    where that helps, or the motion that decides what is open of the joint that errs most;
+    else a model that can be used is used as it is."""
+    more = known["more"]
+    report = replace(_report(view), label="Or use it as it is: download the report")
+    motion, is_asked = _motion_to_record(view)
+    if curve := _curve_to_add(view.session, diagnosis):
+        number = curve.number or known["number"]
+        how = {"text": text, "number": number, "more": _sentences(more, curve.text)}
+        return replace(curve, **{**known, **how, "other": report})
+    more = _sentences(more, motion.text)
+    if known["level"] == "bad":
+        other = NextStep("", "Choose other measurements", "measure", opens="drop-runs")
+        return replace(motion, **{**known, "text": text, "more": more, "other": other})
+    if is_asked:
+        return replace(motion, **{**known, "text": text, "more": more, "other": report})
+    more = _sentences(known["more"], _AS_FAR_AS_IT_GOES)
+    words = f"Or {motion.label[:1].lower()}{motion.label[1:]}"
+    other = replace(motion, text="", label=words)
+    if "report.html" in view.session.taken:
+        test = NextStep("", "Test it on a new run", "measure", opens="drop-runs")
+        return replace(test, **{**known, "text": text, "more": more, "other": other})
+    return replace(
+        _report(view), **{**known, "text": text, "more": more, "other": other}
+    )
+
+
+#: What is said of a model that can be used, and for which nothing is left to do.
+_AS_FAR_AS_IT_GOES = (
+    "This is as far as these runs lead: the model can be used as it is, with this error."
+    " Another motion may show what it is"
+)
 
 
 def _curve_to_add(session: Session, diagnosis: Diagnosis) -> NextStep | None:
@@ -445,72 +476,74 @@ def _curve_to_add(session: Session, diagnosis: Diagnosis) -> NextStep | None:
     words = f"add the measured curve of joint {joint}"
     change = Change("add", words, {"effects": [text]}).to_dict()
     do = partial(session.start, session.apply, change)
-    text = "It has no name; as it was measured it can be added."
-    return NextStep(text, label_of(words), "diagnose", do)
+    curve = next(curve for curve in diagnosis.curves if curve.joint == joint)
+    errors = curve.held_out_rmse_before, curve.held_out_rmse_after
+    amounts = formatting.amounts(errors, diagnosis.torque_unit(joint))
+    number = (
+        f"With it, joint {joint}'s error: {amounts} ({formatting.change_of(*errors)}),"
+        f" {measured_on(session)}."
+    )
+    text = "It has no name; as it was measured it can be added"
+    return NextStep(text, label_of(words), "diagnose", do, number=number)
 
 
 def _to_add(
     view: View, diagnosis: Diagnosis, all_of_it: Remedy, level: str
 ) -> NextStep:
-    """Return the step that adds what the line names: what is sure together, or what is read
-    first. The second choice is all that helps (``all_of_it``), or the first alone. It is
-    itself the second one, after the report, where it does not lower the largest error of a
+    """Return the step that adds what is advised, and the other choices beside it, each with
+    what it does. The report comes before it where it does not lower the largest error of a
     model that can be used, or no file can hold it beside one that is good."""
     session = view.session
-    main = diagnosis.main_finding
-    remedy = diagnosis.main_offer or all_of_it
+    remedy, *others = diagnosis.choices or (all_of_it,)
     change = remedy.change
     texts = change.arguments.get("effects", [])
-    others = [
-        second
-        for second in (all_of_it, main and diagnosis.offer_of(main))
-        if second and {*second.change.arguments["effects"]} != {*texts}
-    ][:1]
+    main = diagnosis.main_finding
     if main is not None and {*texts} == {main.text}:
         others += filter(None, [diagnosis.held_law_remedy(main)])
     other = None
     for second in others[::-1]:
         add = partial(session.start, session.apply, second.change.to_dict())
-        words = f"Or {second.change.words}"
-        other = NextStep("", words, "diagnose", add, other=other)
-    is_all = {*texts} == {found.text for found in diagnosis.helpful}
-    more = spoken(diagnosis.cause)
-    model = session.current
-    worst = model.worst_joint
+        words, outcome = f"Or {second.change.words}", _outcome_in_brief(session, second)
+        other = NextStep("", words, "diagnose", add, outcome=outcome, other=other)
     text, beside = _in_one_line(diagnosis, texts)
-    text = text or in_brief(more)
+    text = text or in_brief(spoken(diagnosis.cause))
     if level == "good":
         text = f"Good already. {SOME_ERROR_IS_LEFT}. {formatting.sentence(text)}"
     text = formatting.sentence(text)
     if texts and all(map(session.is_of_held_model, texts)):
         text = f"Since then changed, beside what the model has: {text}"
-        return _identify_again(session, text, level, more)
+        return _identify_again(session, text, level, beside)
     number = ""
     lacking = diagnosis.files_without_place(texts)
     is_idle = level == "good" and {*FILES_TO_TAKE} <= {*lacking}
-    if remedy.before is not None and remedy.after is not None:
-        falls = remedy.after[worst - 1] < (1.0 - CHANGES) * remedy.before[worst - 1]
-        is_idle = is_idle or (level != "bad" and not falls)
-        added = changes_in_words(session, worst, remedy.before, remedy.after)
+    if outcome := diagnosis.outcome_of(remedy):
+        is_idle |= level != "bad" and not outcome.falls(session.current.worst_joint)
         n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
-        number = f"With {n_added}{'' if is_all else ' (estimate)'}, {added}"
-        over = over_noise(np.array(remedy.after), diagnosis.known_floor)
-        if over is not None and over[worst - 1] > ABOVE_NOISE:
-            left = formatting.number(float(over[worst - 1]))
-            number += f"; joint {worst} keeps {left} times its noise"
-    number = _sentences(number, diagnosis.place_in_files(texts))
+        measured = formatting.sentence(measured_on(session))
+        words = outcome.in_words(session.current.worst_joint)
+        number = f"{measured}: with {n_added}, {words}."
     do = partial(session.start, session.apply, change.to_dict())
-    label = label_of(change.words)
     said: dict[str, Any] = {
         "text": text,
         "level": level,
         "number": number,
-        "more": _sentences(more, beside),
+        "more": _sentences(beside),
+        "outcome": _outcome_in_brief(session, remedy),
     }
     if is_idle and "report.html" not in session.taken:
-        other = NextStep("", f"Or {change.words}", "diagnose", do)
+        outcome = said.pop("outcome")
+        other = NextStep("", f"Or {change.words}", "diagnose", do, outcome=outcome)
         return replace(_report(view), other=other, **said)
+    label = label_of(change.words)
     return NextStep(label=label, stage="diagnose", do=do, other=other, **said)
+
+
+def _outcome_in_brief(session: Session, offer: Remedy) -> str:
+    """Say what an offer of the current model's diagnosis does to the errors; "" where that
+    was not computed."""
+    diagnosis = session.findings_of_current
+    outcome = diagnosis and diagnosis.outcome_of(offer)
+    return f"{outcome.in_brief(session.current.worst_joint)}" if outcome else ""
 
 
 def _identify_again(session: Session, text: str, level: str, more: str) -> NextStep:
@@ -534,38 +567,49 @@ def _rest_to_add(session: Session) -> NextStep | None:
     return NextStep("", f"Or {words}", "diagnose", add)
 
 
-#: Kinds of finding that a line names; the others are counted.
-_MOST_NAMED = 3
-
-
 def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> tuple[str, str]:
-    """Return a sentence on what counts of what is added by its ``texts``, each with how
-    sure that is, as its card does, and one on what is added beside it: first what the main
-    finding is on the arm. Both are "" for what the diagnosis did not find."""
-    constants = [f for f in diagnosis.retuned if f.text in texts]
-    alike = dict[tuple[str, str], list[Finding]]()
-    main = ""
+    """Return a sentence on what counts most of what is added by its ``texts``, on the arm,
+    with what is open of it, and one on what is added beside it: the cards say how sure each
+    of that is. Both are "" for what the diagnosis did not find."""
+    main, others = "", list[Finding | Retune]()
     for group in diagnosis.groups_in_order_of_reading:
         first = group.first
-        if first.text in texts:
-            badge = "" if group.badge in SURE else f"{group.badge}: "
-            is_open = first.size_may_be_zero and not first.says_open_law
-            if alike or main or (is_open and not group.is_sum):
-                alike.setdefault((badge, first.effect), []).extend(group.findings)
-            else:
-                on_the_arm = group.on_the_arm.removeprefix(ON_THE_ARM)
-                main = f"{badge}{in_brief(on_the_arm)}"
-    parts = [f"{badge}{named_on_joints(x)}" for (badge, _), x in alike.items()]
+        if first.text not in texts:
+            continue
+        is_open = first.size_may_be_zero and not first.says_open_law
+        if main or others or (is_open and not group.is_sum):
+            others += group.findings
+        else:
+            on_the_arm = in_brief(group.on_the_arm.removeprefix(ON_THE_ARM))
+            main = f"{on_the_arm.rstrip('.')}{_what_is_open(group)}."
+    constants = [f for f in diagnosis.retuned if f.text in texts]
+    names = [named_on_joints(others)] if others else []
     if constants:
-        parts.append(constants_in_words(constants))
-    if more := parts[_MOST_NAMED:]:
-        doubts = {badge.rstrip(": ") for badge, _ in [*alike][_MOST_NAMED:] if badge}
-        others = f"and others ({', '.join(sorted(doubts))})".removesuffix(" ()")
-        parts[-len(more) :] = [others]
-    listed = "; ".join(parts)
+        names.append(constants_in_words(constants))
+    listed = "; ".join(names)
     if not main:
         return f"{listed}." * bool(listed), ""
     return main, f"Beside it: {listed}" * bool(listed)
+
+
+def _what_is_open(group: Group) -> str:
+    """Say what is open of something that was found, as the end of a sentence; "" of what is
+    confident, and of a sum, of which the sentence says it."""
+    first = group.first
+    if group.is_sum or first.rating in SURE or first.says_open_law:
+        return ""
+    if first.rivals:
+        return f"; {first.rivals_in_words} would explain it as well"
+    return _OPEN[group.badge]
+
+
+#: What is open of a finding by its badge, as the end of a sentence.
+_OPEN = {
+    "size uncertain": "; how much is open",
+    "cause uncertain": "; something else may make a part of it",
+    "near-tie": "; something else would explain it as well",
+    "weak": "; it may be nothing",
+}
 
 
 def _added(session: Session) -> str:
@@ -584,13 +628,10 @@ def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:
     return {joint for text in effects for joint in joints_of(text)}
 
 
-def _motion_to_record(view: View) -> NextStep:
+def _motion_to_record(view: View) -> tuple[NextStep, bool]:
     """Return the step that records a motion which shows more of the joint that errs most,
-    for a model to which nothing is known to add."""
+    for a model to which nothing is known to add, and whether that decides something."""
     session = view.session
-    if MOTION in session.taken:
-        text, label = "The motion's log comes next.", "Choose the log"
-        return NextStep(text, label, "measure", opens="drop-runs")
     diagnosis = session.findings_of_current
     of_diagnosis = [] if diagnosis is None else to_json(diagnosis.remedies)
     asked = [
@@ -598,14 +639,16 @@ def _motion_to_record(view: View) -> NextStep:
         for remedy in (*session.remedies, *of_diagnosis)
         if remedy["change"]["verb"] == "record"
     ]
-    text = "Another motion may show what it is."
-    label = "Make a motion to record"
-    motion: Mapping[str, Any] = {}
     worst = session.current.worst_joint
     of_worst = [remedy for remedy in asked if worst in _decided_joints(remedy)]
     of_arm = [remedy for remedy in asked if not _decided_joints(remedy)]
-    for first in (of_worst + of_arm)[:1]:
-        text, motion = graded(first["problem"], "certain"), first["change"]
-        label = label_of_motion(motion)
+    first = next(iter(of_worst + of_arm), None)
+    if MOTION in session.taken:
+        text, label = "The motion's log comes next", "Choose the log"
+        step = NextStep(text, label, "measure", opens="drop-runs")
+        return step, first is not None
+    motion: Mapping[str, Any] = first["change"] if first else {}
+    text = graded(first["problem"], "certain") if first else ""
+    label = label_of_motion(motion) if first else "Make a motion to record"
     do = partial(session.start, session.make_motion, motion, view.download)
-    return NextStep(text, label, "measure", do)
+    return NextStep(text, label, "measure", do), first is not None

@@ -278,9 +278,11 @@ class Workbench:
                     opens = choice.opens or False
                     at: dict[str, Any] = {"data_to": choice.stage, "data_opens": opens}
                     button(choice.label, do, key, style, **at)
+                    if choice.outcome:
+                        tag("p", with_whole_amounts(choice.outcome), "outcome")
 
         words = [step.text, step.number, step.more]
-        labels = [choice.label for choice in step.choices]
+        labels = [[choice.label, choice.outcome] for choice in step.choices]
         state = [words, labels, step.stage, step.opens, step.level]
         # What the button does depends on the remedies and on the model.
         depends = [

@@ -91,6 +91,7 @@ def bars(
     chosen: int | None = None,
     torque: Sequence[float] | Array = (),
     colours: str = "before (grey), after (blue)",
+    other: Sequence[float] | Array | None = None,
 ) -> Markup:
     """Draw one bar for each joint: its error over its noise, or as a share of its torque
     where no noise is known, before (grey), after (blue), and both in N m or N.
@@ -111,16 +112,20 @@ def bars(
     torque : (n,) sequence
         RMS torque of each joint [N m or N]; empty: not known.
     colours : str
-        What the two colours are, where there is an ``after``.
+        What the colours are, where there is an ``after``.
+    other : (n,) sequence or None
+        RMS errors [N m or N] after another choice than that of ``after`` (light blue).
     """
     errors_of_both = np.array([before, before if after is None else after], float)
-    ratios = over_noise(errors_of_both, floor)
+    errors_of_all = np.array([*errors_of_both, before if other is None else other])
+    ratios = over_noise(errors_of_all, floor)
     is_known = ratios is not None
     unit = ""
     if ratios is None and len(torque) > 0 and all(torque):
-        ratios, unit = 100.0 * errors_of_both / np.array(torque), " %"
-    old_errors, new_errors = errors_of_both if ratios is None else ratios
-    scale = _Scale.for_errors(np.concatenate([old_errors, new_errors]), is_known)
+        ratios, unit = 100.0 * errors_of_all / np.array(torque), " %"
+    shown = errors_of_all if ratios is None else ratios
+    scale = _Scale.for_errors(shown.ravel(), is_known)
+    old_errors, new_errors, other_errors = shown
     rows = []
     for j in range(len(old_errors)):
         row = _bar(
@@ -130,6 +135,10 @@ def bars(
             has_change=after is not None,
             is_known=is_known,
         )
+        if other is not None:
+            drawn = _bar(old_errors[j], other_errors[j], scale, True, is_known)
+            row["shapes"]["other"] = drawn["shapes"]["after"]
+            row |= {"other_change": drawn["change"], "other_kind": drawn["kind"]}
         of_models = (old_errors, new_errors) if after is not None else (new_errors,)
         sizes = [
             "below 1" if is_known and x[j] < 1.0 else number(x[j]) for x in of_models
@@ -152,6 +161,7 @@ def bars(
         rows=rows,
         has_buttons=chosen is not None,
         has_change=after is not None,
+        has_other=other is not None,
     )
 
 

@@ -202,7 +202,9 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     with_all = float(diagnosis.held_out_rmse_with_helpful[joint - 1])
     if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
         text += f"; with all that helps {formatting.change_of(before, with_all)}"
-    return text
+    outcome = diagnosis.outcome_between(*diagnosis.errors_of(finding))
+    rising = [outcome.share_of(k) for k in outcome.rising if k != joint]
+    return "; ".join([text, *rising])
 
 
 def _gain_of_pair(pair: Pair, diagnosis: Diagnosis) -> str:
@@ -648,6 +650,34 @@ def describe_advice(diagnosis: Diagnosis) -> str:
         return ""
     words = formatting.sentence(offer.change.words)
     return f"{words}: {outcome.in_words(outcome.errs_most)}, on data left out."
+
+
+#: Files that a controller or a simulator takes, as people call them.
+_FILES_IN_WORDS = {
+    "model.h": "C code",
+    "robot.urdf": "a URDF",
+    "robot.xml": "MuJoCo's XML",
+}
+
+
+def describe_files(diagnosis: Diagnosis) -> str:
+    """Say how much of what is advised the files for controllers and simulators hold; ""
+    where they hold all of it."""
+    offer = diagnosis.main_offer
+    texts = offer.change.arguments["effects"] if offer else ()
+    names_by_count = dict[int, list[str]]()
+    for name, words in _FILES_IN_WORDS.items():
+        lost = [
+            f for f in diagnosis.effects if f.text in texts and name in f.no_place_in
+        ]
+        names_by_count.setdefault(len(texts) - len(lost), []).append(words)
+    names_by_count.pop(len(texts), None)
+    clauses = []
+    for n_held, names in names_by_count.items():
+        what = f"{n_held} of the {len(texts)}" if n_held else "none of it"
+        verb = "holds" if len(names) == 1 else "hold"
+        clauses.append(f"{formatting.words(names)} {verb} {what}")
+    return f"In files: {'; '.join(clauses)}." if clauses else ""
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:

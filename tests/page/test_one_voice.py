@@ -18,6 +18,7 @@ from sdp_vs_penalty.api.remedies import what_to_add
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
+from sdp_vs_penalty.page.view import in_brief
 from sdp_vs_penalty.results import Change, fact, facts
 
 #: One effect is added.
@@ -207,7 +208,13 @@ def test_terminal_report_and_page_say_what_is_missing_and_left(diagnosed):
     for sentence in (found.left_sentence, found.headline):
         assert sentence in said["diagnose"]
         assert sentence in said["html"].replace("`", "")
-    assert found.cause in diagnosed.screen.text("next")
+    next_on_page = diagnosed.screen.text("next")
+    if (offer := found.main_offer) is None:
+        assert in_brief(found.cause).rstrip(".") in next_on_page
+        return
+    outcome = found.outcome_of(offer)
+    for place in (said["diagnose"], said["html"], next_on_page):
+        assert outcome.change_of(outcome.shown(outcome.errs_most)) in place
 
 
 def test_each_finding_has_one_title_size_and_gain_everywhere(diagnosed):

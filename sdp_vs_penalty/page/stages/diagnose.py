@@ -10,7 +10,6 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Pair, Retune
 from sdp_vs_penalty.effects import effect_types, effects_in_words, standard_effect
 from sdp_vs_penalty.page import controls as draw
@@ -36,6 +35,7 @@ from sdp_vs_penalty.render.words import (
     DiagnosisWords,
     FindingWords,
     describe_diagnosis,
+    describe_files,
     plain_name,
     weak_title,
 )
@@ -61,12 +61,20 @@ def models(view: View) -> None:
     before, after = (history[k].comparison["rmse"] for k in (0, -1))
     floor = history[-1].comparison["noise_floor"]
     scope = measured_on(session, names_runs=True)
-    if (diagnosis := session.findings_of_current) is not None:
-        remedy = diagnosis.main_offer or next_remedy(diagnosis.remedies)
-        before, after = diagnosis.held_out_rmse_before, remedy and remedy.after
     torque = history[-1].comparison["torque_rms"]
-    drawn = bars(before, after, floor, units, scope, torque=torque)
+    colours: dict[str, Any] = {}
+    if (diagnosis := session.findings_of_current) is not None:
+        choices = diagnosis.choices or diagnosis.offers[:1]
+        before = diagnosis.held_out_rmse_before
+        after, other = [*(choice.after for choice in choices), None, None][:2]
+        if other is not None:
+            names = [choice.change.words.removeprefix("add ") for choice in choices]
+            words = f"now (grey); with {names[0]} (blue), with {names[1]} (light blue)"
+            colours = {"colours": words, "other": other}
+    drawn = bars(before, after, floor, units, scope, torque=torque, **colours)
     ui.html(drawn, sanitize=False)
+    if diagnosis is not None and (held := describe_files(diagnosis)):
+        draw.note(held)
     if len(history) == 1:
         return
     with draw.details("What the model holds", "model-holds", on=True), draw.tag("ul"):
