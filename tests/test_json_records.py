@@ -191,16 +191,16 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
         assert again["certificate"].pop("certifies")
         assert again.pop("known") == {}
     else:
-        for later in (
-            "log_faults",
-            "named_by_check",
-            "left_out_of_test",
-            "errors_with",
-        ):
+        for later in ("log_faults", "named_by_check", "left_out_of_test"):
             assert again.pop(later) == []
         assert written.pop("events") == []  # what is no longer judged
-        assert (written.pop("format"), again.pop("format")) == (2, 3)
+        assert (written.pop("format"), again.pop("format")) == (2, 4)
+        # The errors with the first findings of the list, which each of them had.
+        errors = [finding.pop("held_out_rmse_before") for finding in written["effects"]]
+        errors.append(written.pop("held_out_rmse"))
+        assert [x["rmse"] for x in again.pop("errors_with")] == errors
         for finding in written["effects"]:
+            finding.pop("held_out_rmse_after")
             for gone in ("is_shown_beside_all", "n_splits", "n_splits_showing"):
                 finding.pop(gone)
             finding["rivals"] = [
@@ -213,6 +213,7 @@ def test_a_file_of_version_0_1_loads_and_is_written_as_it_was(name, load):
             ]
         for finding in again["effects"]:
             assert not finding.pop("helps")
+            assert finding.pop("main_joint") == finding["joints"][0]
             later = ("no_place_in", "held_law", "held_law_in")
             assert not any([finding.pop(name) for name in later])
         for finding in (*written["effects"], *again["effects"]):  # derived: a sentence

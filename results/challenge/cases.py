@@ -256,9 +256,7 @@ def _diagnosed(
     if hidden:
         record["energy"] = energies(runs, estimate, kind.frozen)
     if kind.what in ("none", "effects"):
-        record["after"] = (
-            np.array(result["held_out_rmse"]) / true_floor(test, estimate)
-        ).tolist()
+        record["after"] = (diagnosis.ladder[-1] / true_floor(test, estimate)).tolist()
     return record
 
 

@@ -284,7 +284,7 @@ def _findings(
     from sdp_vs_penalty.render.words import errors_that_rise, finding_table
 
     console.table(finding_table(result, shown, units))
-    if rises := errors_that_rise(shown):
+    if rises := errors_that_rise(result, shown):
         paragraph(rises)
     if words.shared_doubt:
         paragraph(words.shared_doubt)

@@ -30,6 +30,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     Remaining,
     Retune,
     effect_on,
+    main_joint_of,
 )
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
@@ -101,14 +102,13 @@ class Conclusion:
         search = self.search
         torque_in_doubt = torque_errors(self.data, self.explanation.estimate)
         sizes = sizes_with_intervals(search, torque_in_doubt, self.errors_of_constants)
-        before = self.ladder.held_out.errors(())
         fit = search.score.fit(search.terms, search.fit)
         contradicted = contradicted_by_sliding(self.data, fit, search.terms)
         findings = []
         stated = self.explanation.estimate.provenance.get("torque_unit", "")
         for term, size, sticks in zip(search.terms, sizes, contradicted, strict=True):
             judged = Judged(search, term, size, self.curves, sticks)
-            found = describe_finding(judged, reasons_for_doubt(judged), before)
+            found = describe_finding(judged, reasons_for_doubt(judged))
             findings.append(found.in_unit(stated))
         return findings
 
@@ -134,15 +134,15 @@ class Conclusion:
 
     @property
     def _told(self) -> tuple[list[Finding], dict[tuple[str, ...], Array]]:
-        """The findings that are told, each with the errors (n,) before and after it joins
-        those before it; and the errors with the first 0, 1, ... of them [N m or N]."""
+        """The findings that are told, each with its main joint; and the errors (n,) with the
+        first 0, 1, ... of them [N m or N]."""
         told = [finding for finding in self.findings if is_told(finding)]
         firsts: list[tuple[Finding | Retune, ...]]
         firsts = [(*self.retunes, *told[:k]) for k in range(len(told) + 1)]
         errors = self._errors_with(firsts)
         steps = pairwise(errors.values())
         return [
-            replace(finding, held_out_rmse_before=before, held_out_rmse_after=after)
+            replace(finding, main_joint=main_joint_of(finding.joints, before, after))
             for finding, (before, after) in zip(told, steps, strict=True)
         ], errors
 
@@ -195,7 +195,6 @@ class Conclusion:
             notices=find_notices(self.search, self.explanation.estimate),
             noise_source=noise.source,
             unexplained=remaining.in_sample_excess_variance,
-            held_out_rmse=[*errors.values()][-1],
             band_hz=self.data.rows.cutoff,
             remarks=self.remarks,
             held_out_rmse_before=held_out.errors(()),
@@ -289,8 +288,9 @@ def least_help_of(finding: Finding) -> float:
     return SURE_HELP if finding.has_open_torque else MINOR
 
 
-def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> Finding:
-    """Make the report of a finding.
+def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
+    """Make the report of a finding; the main joint of one on the whole robot is known
+    once it is among those that are told.
 
     Parameters
     ----------
@@ -298,9 +298,6 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
         The finding with all that it is judged by.
     doubts
         Reasons for doubt; without any the finding is confident.
-    before
-        (n,) RMS errors on data left out of the model as it is [N m or N]: what the finding
-        changes is known once it is among those that are told.
     """
     term, known, effect = judged.term, judged.size, judged.effect
     size, std = size_of(effect, known.beta, known.covariance)
@@ -331,8 +328,7 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt], before: Array) -> 
         torque_unit=effect.robot.torque_units[known.torque.joint],
         parameters={p.name: float(b) for p, b in parameters},
         rivals=tuple(first.values()),
-        held_out_rmse_before=before,
-        held_out_rmse_after=before,
+        main_joint=joints[0] if joints else 0,
         physics=physics_of(effect, size),
         text=effect.text,
         gain=term.evidence,

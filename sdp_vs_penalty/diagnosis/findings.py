@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain, pairwise, starmap
+from itertools import chain, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
 
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 
 #: Of findings.json, and the oldest that is read.
-FINDINGS_FORMAT = 3
+FINDINGS_FORMAT = 4
 _OLDEST_FORMAT = 2
 #: Effects besides the main one that a cause names; more are counted.
 _MOST_NAMED = 2
@@ -197,6 +197,20 @@ def _amount(size: float, std: float, unit: str) -> str:
     return formatting.amount_or_open(scale * size, scale * NORMAL_95 * std, unit)
 
 
+def main_joint_of(joints: Sequence[int], before: Array, after: Array) -> int:
+    """Return the joint (from 1) that a finding on some joints is about, by the errors
+    (n,) without and with it: the first one; of none named the one whose error falls
+    most."""
+    if joints:
+        return joints[0]
+    return int(np.argmin(after / np.maximum(before, 1e-300))) + 1  # never divide by 0
+
+
+#: Errors (n,) before and after a finding joins those before it, in files of formats up
+#: to 3.
+_ERRORS_OF_STEP = ("held_out_rmse_before", "held_out_rmse_after")
+
+
 @dataclass(frozen=True)
 class Finding(Rated):
     """One missing effect."""
@@ -221,10 +235,9 @@ class Finding(Rated):
     #: Effects that fit about as well, with constants where name and joints are the
     #: finding's.
     rivals: tuple[WrittenEffect, ...]
-    #: (n,) RMS errors on data left out with the findings before this one [N m or N].
-    held_out_rmse_before: Array
-    #: (n,) RMS errors on data left out with this finding as well [N m or N].
-    held_out_rmse_after: Array
+    #: The joint (from 1) that it is about: the first of its joints; for an effect on the
+    #: whole robot the joint whose error on data left out falls most.
+    main_joint: int
     #: The effect's physics, in a sentence or two.
     physics: str
     #: The effect as :func:`add` takes it.
@@ -265,8 +278,12 @@ class Finding(Rated):
 
     @classmethod
     def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Read the rivals of format 2, which are texts, without joints where they act on
-        the finding's."""
+        """Read the main joint from the errors of formats up to 3, and the rivals of
+        format 2, which are texts, without joints where they act on the finding's."""
+        if "main_joint" not in data and {*_ERRORS_OF_STEP} <= {*data}:
+            before, after = (np.array(data[name], float) for name in _ERRORS_OF_STEP)
+            joint = main_joint_of(data["joints"], before, after)
+            data = {**data, "main_joint": joint}
         if "indistinguishable_from" not in data:
             return data
         texts = [text for text in data["indistinguishable_from"] if text != CURVE]
@@ -520,28 +537,6 @@ class Finding(Rated):
             "excite", model, "--separate", ",".join(self.undecided), "--out", out
         )
 
-    @property
-    def main_joint(self) -> int:
-        """The joint (from 1) that the finding is about.
-
-        It is the first of its joints; for an effect on the whole robot the joint whose
-        error on data left out falls most.
-        """
-        if self.joints:
-            return self.joints[0]
-        before = np.maximum(self.held_out_rmse_before, 1e-300)  # never divide by 0
-        return int(np.argmin(self.held_out_rmse_after / before)) + 1
-
-    def explained_share(self, j: int) -> float:
-        """Return the share of joint j's (from 0) error variance that the finding
-        removes, on data left out: 1 - (RMSE after / RMSE before)^2, at least 0.
-        """
-        before = self.held_out_rmse_before[j]
-        after = self.held_out_rmse_after[j]
-        if not before > 0.0:
-            return 0.0
-        return max(0.0, 1.0 - float(after / before) ** 2)
-
     def gain_sentence(self, diagnosis: Diagnosis) -> str:
         """Say how adding the finding changes its joint's RMS error on data left out
         (:meth:`Diagnosis.errors_of`).
@@ -730,13 +725,11 @@ class Diagnosis(Record, JsonRecord):
     noise_source: str
     #: (n,) repeatable error that is left, as a share of the noise's variance.
     unexplained: Array
-    #: (n,) RMS errors on data left out after the last finding [N m or N].
-    held_out_rmse: Array
     #: Frequency below which all errors are meant [Hz].
     band_hz: float
     #: Remarks on the diagnosis, a sentence each.
     remarks: tuple[str, ...]
-    #: (n,) RMS errors on data left out before the first finding [N m or N].
+    #: (n,) RMS errors on data left out of the model as it is [N m or N].
     held_out_rmse_before: Array
     #: Data of the held-out errors: "test" (a test run) or "folds" of the searched runs.
     held_out_source: str
@@ -770,8 +763,24 @@ class Diagnosis(Record, JsonRecord):
     log_faults: tuple[Remedy, ...] = ()
     #: The errors with what each remedy adds, with the first findings of the list, with
     #: pairs of what helps, and with each law that a file holds in place of a finding.
-    #: None in files of older versions.
+    #: Files of format 2 have those of the first findings alone.
     errors_with: tuple[ErrorWith, ...] = ()
+
+    @classmethod
+    def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Read the errors with the first findings of the list of formats up to 3, where
+        each finding has them."""
+        if "held_out_rmse" not in data:
+            return data
+        findings = data["effects"]
+        texts = [found["text"] for found in (*data.get("retuned", ()), *findings)]
+        errors = [*(f[_ERRORS_OF_STEP[0]] for f in findings), data["held_out_rmse"]]
+        n_constants = len(texts) - len(findings)
+        steps = [
+            {"effects": texts[: n_constants + k], "rmse": rmse}
+            for k, rmse in enumerate(errors)
+        ]
+        return {**data, "errors_with": [*steps, *data.get("errors_with", ())]}
 
     def __post_init__(self) -> None:
         """Number the findings."""
@@ -923,11 +932,6 @@ class Diagnosis(Record, JsonRecord):
             (n,) errors of the model with all findings whose torque is certain; None where
             no such model is made, and its errors change as the model's.
         """
-        texts = (*(r.text for r in self.retuned), *(f.text for f in self.effects))
-        steps = [*(f.held_out_rmse_before for f in self.effects), self.held_out_rmse]
-        firsts = [texts[: len(self.retuned) + k] for k in range(len(steps))]
-        searched = dict(zip(firsts, steps, strict=True))
-        searched |= {x.effects: x.rmse for x in self.errors_with}
         helpful = tuple(f.text for f in self.helpful)
         scale = _ratio(before, self.held_out_rmse_before)
         with_helpful = self.held_out_rmse_with_helpful
@@ -935,20 +939,11 @@ class Diagnosis(Record, JsonRecord):
             after = scale * with_helpful
         of_helpful = _ratio(after, with_helpful)
         judged = {
-            added: rmse * (of_helpful if {*helpful} <= {*added} else scale)
-            for added, rmse in searched.items()
+            x.effects: x.rmse * (of_helpful if {*helpful} <= {*x.effects} else scale)
+            for x in self.errors_with
         }
         judged[helpful] = after
-        effects = tuple(
-            replace(f, held_out_rmse_before=judged[x], held_out_rmse_after=judged[y])
-            for f, (x, y) in zip(self.effects, pairwise(firsts), strict=True)
-        )
-        return replace(
-            self,
-            held_out_rmse_before=before,
-            held_out_rmse=judged[texts],
-            effects=effects,
-        ).with_errors(judged)
+        return replace(self, held_out_rmse_before=before).with_errors(judged)
 
     def with_errors(self, errors: Mapping[tuple[str, ...], Array]) -> Diagnosis:
         """Return the diagnosis with errors on data left out (n,), by the texts of what is
@@ -972,6 +967,17 @@ class Diagnosis(Record, JsonRecord):
     def _error_with_texts(self, texts: Set[str]) -> Array | None:
         """Return the errors (n,) of :meth:`error_with` by the texts of what is added."""
         return next((x.rmse for x in self.errors_with if {*x.effects} == texts), None)
+
+    @cached_property
+    def ladder(self) -> tuple[Array, ...]:
+        """The errors (n,) on data left out with all re-estimated constants and the first
+        0, 1, ... findings of the list [N m or N]; where they were not computed, those of
+        the step before."""
+        steps = [self.held_out_rmse_before]
+        for k in range(len(self.effects) + 1):
+            errors = self.error_with((*self.retuned, *self.effects[:k]))
+            steps.append(steps[-1] if errors is None else errors)
+        return tuple(steps[1:])
 
     def files_without_place(self, texts: Collection[str]) -> tuple[str, ...]:
         """The files of `export` that have no place for one of the findings with these
@@ -1033,12 +1039,12 @@ class Diagnosis(Record, JsonRecord):
         the one figure of its joint that every place says, and what its remedy gives.
 
         They are those of the model, and of the model with this finding alone, or with
-        those of which the runs show the sum alone. In files of older versions they are
-        those after the findings before it in the list.
+        those of which the runs show the sum alone. Where these were not computed, they
+        are those of the ladder, after the findings before it in the list.
         """
         after = self.error_with(self.group_of(finding).findings)
         if after is None:
-            return finding.held_out_rmse_before, finding.held_out_rmse_after
+            return self.ladder[finding.number - 1], self.ladder[finding.number]
         return self.held_out_rmse_before, after
 
     @property
@@ -1680,7 +1686,7 @@ class Diagnosis(Record, JsonRecord):
         """(n,) errors on data left out with all findings, constants and curves [N m or
         N].
         """
-        errors = self.held_out_rmse.copy()
+        errors = self.ladder[-1].copy()
         for curve in self.curves:
             errors[curve.joint - 1] = curve.held_out_rmse_after
         return errors
@@ -1814,7 +1820,7 @@ class Diagnosis(Record, JsonRecord):
         rows.append(("next", self.advice))
         rows.append(("held-out RMSE", in_words(self.held_out_rmse_before)))
         if self.effects or self.retuned:
-            rows.append(("with the findings", in_words(self.held_out_rmse)))
+            rows.append(("with the findings", in_words(self.ladder[-1])))
         name = "noise floor" if self.noise_source == REPETITION else "noise (estimated)"
         rows.append((name, in_words(self.noise_floor)))
         return self.headline, rows

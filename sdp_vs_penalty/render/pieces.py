@@ -222,10 +222,8 @@ def _kind_of_change(before: float, after: float) -> str:
 
 
 def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
-    """Return the share of error variance that each certain finding removes, for each
-    joint.
-
-    Shares are of held-out data.
+    """Return the share of error variance on data left out that each certain finding
+    removes, for each joint (:meth:`Diagnosis.errors_of`).
 
     Returns
     -------
@@ -233,15 +231,18 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
         For each finding a share from 0 to 1 of each joint.
     """
     shares: dict[str, list[float]] = {}
-    findings = () if diagnosis is None else diagnosis.effects
-    for finding in findings:
+    if diagnosis is None:
+        return shares
+    for finding in diagnosis.effects:
         if not finding.torque_is_certain:
             continue
         row = shares.setdefault(f"found: {effect_name(finding.effect)}", [0.0] * n)
+        before, after = diagnosis.errors_of(finding)
         # An effect without joints acts on all of them.
         joint_indices = [joint - 1 for joint in finding.joints] or range(n)
         for j in joint_indices:
-            row[j] = max(row[j], finding.explained_share(j))
+            if before[j] > 0.0:
+                row[j] = max(row[j], 1.0 - float(after[j] / before[j]) ** 2)
     return shares
 
 

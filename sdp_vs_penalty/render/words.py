@@ -469,10 +469,10 @@ def finding_table(
     """
     rows = [("model", diagnosis.held_out_rmse_before)]
     if diagnosis.retuned and shown:
-        rows.append(("re-estimated", shown[0].held_out_rmse_before))
+        rows.append(("re-estimated", diagnosis.ladder[0]))
     for finding in shown:
         mark = "" if finding.rating == "confident" else f" {finding.rating}"
-        rows.append((f"+ {finding.number}.{mark}", finding.held_out_rmse_after))
+        rows.append((f"+ {finding.number}.{mark}", diagnosis.ladder[finding.number]))
     noise = "noise" if diagnosis.noise_known else "noise?"
     rows.append((noise, diagnosis.noise_floor))
     kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))
@@ -486,20 +486,17 @@ def finding_table(
     )
 
 
-def errors_that_rise(findings: Sequence[Finding]) -> str:
-    """Say which findings raise a joint's error on data left out by 1 % or more, beside
-    those before them, and why they stay; "" if none does.
+def errors_that_rise(diagnosis: Diagnosis, shown: Sequence[Finding]) -> str:
+    """Say which of the first findings, which are ``shown``, raise a joint's error on data
+    left out by 1 % or more, beside those before them, and why they stay; "" if none does.
 
     A finding is dropped for what it does to the errors of all joints together, beside
     all other findings (:func:`~sdp_vs_penalty.diagnosis.explanation.drop_harmful`).
     """
-    if not findings:
-        return ""
-    errors = [findings[0].held_out_rmse_before]
-    errors += [finding.held_out_rmse_after for finding in findings]
+    steps = pairwise(diagnosis.ladder[: len(shown) + 1])
     rising = [
-        finding.number
-        for finding, (before, after) in zip(findings, pairwise(errors), strict=True)
+        number
+        for number, (before, after) in enumerate(steps, start=1)
         if np.any(after > (1.0 + MINOR) * before)
     ]
     if not rising:

@@ -162,13 +162,13 @@ def load_findings(content, folder):
 
 
 def test_findings_name_their_format(findings, tmp_path):
-    assert findings["format"] == 3
+    assert findings["format"] == 4
     assert load_findings(findings, tmp_path).to_dict() == findings
 
 
 @pytest.mark.parametrize(
     ("number", "words"),
-    [(4, "a newer version"), (1, "an earlier version"), ("1", "'1'"), (True, "True")],
+    [(5, "a newer version"), (1, "an earlier version"), ("1", "'1'"), (True, "True")],
 )
 def test_findings_of_another_format_are_refused(number, words, findings, tmp_path):
     with pytest.raises(sdp.InputError, match=words):

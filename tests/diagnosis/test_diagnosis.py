@@ -65,10 +65,9 @@ def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
     assert first.shape["vs"] == pytest.approx(hidden.shape["vs"], rel=0.2)
     assert first.std < 0.2 * first.size
     assert first.unit == "N*m"
-    before = np.array(first.held_out_rmse_before)
-    after = np.array(first.held_out_rmse_after)
+    before, after = found.errors_of(first)
     assert after[2] < 0.8 * before[2]
-    assert found.held_out_rmse[2] < 1.25 * found.noise_floor[2]
+    assert found.ladder[-1][2] < 1.25 * found.noise_floor[2]
     np.testing.assert_allclose(np.delete(after, 2), np.delete(before, 2), rtol=0.1)
 
 
@@ -222,7 +221,7 @@ def test_the_search_ends_at_the_error_and_the_shape_of_what_add_returns(hidden):
     added = compare(bigger, test)[0]
     new = next(e for e in bigger.model.effects if e.name == "presliding_hysteresis")
     assert new.shape["d"] == pytest.approx(hidden.hidden[0].shape["d"], rel=0.15)
-    np.testing.assert_allclose(result.held_out_rmse, added.rmse, rtol=5e-3)
+    np.testing.assert_allclose(result.ladder[-1], added.rmse, rtol=5e-3)
 
 
 @pytest.mark.long
@@ -265,7 +264,7 @@ def test_what_is_logged_late_is_all_of_the_torque(late):
     both = add(estimate, result, data)
     again = diagnose(both, data, late.runs[3])
     added = compare(both, late.runs[3])[0].rmse
-    for promised in (result.held_out_rmse, again.held_out_rmse):
+    for promised in (result.ladder[-1], again.ladder[-1]):
         np.testing.assert_allclose(promised, added, rtol=0.01)
 
 
@@ -333,7 +332,7 @@ def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
     for joint in (1, 2):
         assert found[joint].shape["d"] == pytest.approx(travel, rel=0.02)
         assert found[joint].size == pytest.approx(size, rel=0.02)
-    assert np.all(result.held_out_rmse < 0.01)
+    assert np.all(result.ladder[-1] < 0.01)
 
 
 @pytest.mark.long
@@ -372,12 +371,12 @@ def test_a_finding_that_one_recording_of_the_test_run_lacks_is_not_confident(two
     sprung = thinned(simulate(two_link, hide="joint_spring:1", seed=1))
     slack = thinned(simulate(two_link, seed=1))
     model = identify(two_link, list(sprung.train), check=False)
-    found = diagnose(
-        model, list(sprung.train), [sprung.test, slack.test], check=False
-    ).effects
-    assert [f.effect for f in found] == ["joint_spring"]
-    assert found[0].held_out_rmse_after[0] < found[0].held_out_rmse_before[0]
-    assert not found[0].torque_is_certain
+    found = diagnose(model, list(sprung.train), [sprung.test, slack.test], check=False)
+    (spring,) = found.effects
+    assert spring.effect == "joint_spring"
+    before, after = found.errors_of(spring)
+    assert after[0] < before[0]
+    assert not spring.torque_is_certain
 
 
 @pytest.fixture(scope="module")

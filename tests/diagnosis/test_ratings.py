@@ -33,7 +33,7 @@ from sdp_vs_penalty.signals import REPETITION
 
 
 def finding(effect, joint, *rivals, **changes):
-    """A finding on one joint (from 1); a near-tie where it has rivals."""
+    """A finding about one joint (from 1); a near-tie where it has rivals."""
     known = {
         "effect": effect,
         "joints": (joint,),
@@ -43,8 +43,7 @@ def finding(effect, joint, *rivals, **changes):
         "std": 0.1,
         "parameters": {},
         "rivals": tuple(map(read_effect, rivals)),
-        "held_out_rmse_before": np.full(7, 2.0),
-        "held_out_rmse_after": np.full(7, 1.0),
+        "main_joint": joint,
         "physics": "",
         "text": f"{effect}:{joint}",
         "gain": 50.0,
@@ -53,8 +52,12 @@ def finding(effect, joint, *rivals, **changes):
     return Finding(**known | changes)
 
 
-def diagnosis(*findings):
-    """Of a run whose noise is known."""
+def diagnosis(*findings, before=2.0, after=1.0):
+    """Of a run whose noise is known; errors before and after each finding alone are
+    numbers, or (7,), ``after`` by the effect's name too [N m or N]."""
+    errors = [
+        after.get(f.effect, 1.0) if isinstance(after, dict) else after for f in findings
+    ]
     return Diagnosis(
         verdict="effect_missing",
         effects=findings,
@@ -62,13 +65,21 @@ def diagnosis(*findings):
         invisible=(),
         noise_source=REPETITION,
         unexplained=np.zeros(7),
-        held_out_rmse=np.ones(7),
         band_hz=8.0,
         remarks=(),
-        held_out_rmse_before=np.full(7, 2.0),
+        held_out_rmse_before=np.full(7, before),
         held_out_source="test",
         frozen=False,
+        errors_with=tuple(
+            ErrorWith((f.text,), np.full(7, error))
+            for f, error in zip(findings, errors, strict=True)
+        ),
     )
+
+
+def with_more_errors(found, *errors):
+    """A diagnosis in which more selections were judged."""
+    return replace(found, errors_with=(*found.errors_with, *errors))
 
 
 @pytest.mark.parametrize(
@@ -148,6 +159,34 @@ def test_rivals_of_older_findings_which_are_texts_are_read():
     )
 
 
+def test_errors_of_older_findings_are_read_as_the_ladder():
+    """Each finding had the errors before and after it joined those before it."""
+    tilt, spring = finding("base_tilt", 3, joints=()), finding("joint_spring", 2)
+    with_tilt, with_both = np.full(7, 1.5), np.full(7, 1.0)
+    with_tilt[2] = 0.5
+    found = replace(
+        diagnosis(tilt, spring),
+        errors_with=(
+            ErrorWith((tilt.text,), with_tilt),
+            ErrorWith((tilt.text, spring.text), with_both),
+        ),
+    )
+    steps = [found.held_out_rmse_before.tolist(), with_tilt.tolist()]
+    steps.append(with_both.tolist())
+    assert [errors.tolist() for errors in found.ladder] == steps
+    older = found.to_dict()
+    del older["errors_with"]
+    older["held_out_rmse"] = steps[-1]
+    for k, entry in enumerate(older["effects"]):
+        del entry["main_joint"]
+        before, after = steps[k : k + 2]
+        entry |= {"held_out_rmse_before": before, "held_out_rmse_after": after}
+    read = Diagnosis.from_dict(older)
+    assert [errors.tolist() for errors in read.ladder] == steps
+    assert [f.main_joint for f in read.effects] == [3, 2]
+    assert [x.tolist() for x in read.errors_of(read.effects[1])] == steps[1:]
+
+
 def test_a_size_whose_interval_holds_zero_is_not_called_sure():
     """The evidence does not count it for the finding."""
     helps = finding("joint_spring", 2, std=0.7, helps=True)
@@ -173,26 +212,25 @@ def test_a_size_whose_interval_holds_zero_is_not_called_sure():
 
 def test_what_is_confident_is_read_first_and_what_is_within_the_noise_last():
     """Whatever the evidence; the numbers of `add` stay those of the list."""
-    loud = {"held_out_rmse_before": np.full(7, 3.0)}
-    doubted = finding("joint_spring", 1, "backlash", gain=900.0, **loud)
-    small = finding("base_tilt", 1, joints=(), gain=800.0)
-    sure = finding("backlash", 2, **loud)
-    said = diagnosis(doubted, small, sure)
+    doubted = finding("joint_spring", 1, "backlash", gain=900.0)
+    small = finding("stiction", 3, gain=800.0)
+    sure = finding("backlash", 2)
+    said = diagnosis(doubted, small, sure, before=[3.0, 3.0, *[2.0] * 5])
     assert [f.number for f in said.in_order_of_reading] == [3, 1, 2]
     assert said.cause.startswith("Joint 2 errs: backlash (confident)")
     assert said.main_offer.change.words == "add backlash on joint 2"
-    assert "Some error is left: base tilt" in diagnosis(small).cause
+    assert "Some error is left: stiction" in diagnosis(small).cause
 
 
 def test_a_near_tie_is_added_with_the_constants_that_are_confident():
     """Alone it left the rest to a second diagnosis, which did not find it again."""
-    loud = {"held_out_rmse_before": np.full(7, 3.0)}
-    tie = finding("stribeck_friction", 3, "torque_gain", **loud)
+    tie = finding("stribeck_friction", 3, "torque_gain")
     shape = ShapeEstimate("coulomb_friction", 3, "v_s", 0.01, 0.02)
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
     constant = Retune(**vars(shape), **fall)
     errors = (ErrorWith((tie.text, constant.text), np.full(7, 1.0)),)
-    found = replace(diagnosis(tie), retuned=(constant,), errors_with=errors)
+    found = with_more_errors(diagnosis(tie, before=3.0), *errors)
+    found = replace(found, retuned=(constant,))
     assert found.main_finding == tie
     assert found.main_offer.change.arguments["findings"] == "helpful"
 
@@ -201,15 +239,12 @@ def test_what_lowers_the_worst_joint_most_is_read_first():
     """A confident finding that lowers nothing by itself comes last, and has no button of
     its own."""
     errors = np.array([9.0, 4.0, 3.0, 3.0, 3.0, 3.0, 3.0])
-    loud = {"held_out_rmse_before": errors}
     on_worst = errors - [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    likely = finding(
-        "joint_spring", 1, "backlash", held_out_rmse_after=on_worst, **loud
-    )
+    likely = finding("joint_spring", 1, "backlash")
     other = errors - [0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    second = finding("backlash", 2, held_out_rmse_after=other, **loud)
-    useless = finding("stiction", 3, held_out_rmse_after=1.01 * errors, **loud)
-    found = diagnosis(useless, second, likely)
+    second, useless = finding("backlash", 2), finding("stiction", 3)
+    after = {"joint_spring": on_worst, "backlash": other, "stiction": 1.01 * errors}
+    found = diagnosis(useless, second, likely, before=errors, after=after)
     assert [f.effect for f in found.in_order_of_reading] == [
         "joint_spring",
         "backlash",
@@ -221,16 +256,15 @@ def test_what_lowers_the_worst_joint_most_is_read_first():
 
 def test_what_is_advised_harms_no_joint_and_leaves_the_lowest_errors():
     """By the errors on data left out; of two that do as much the surer, smaller one."""
-    loud = {"held_out_rmse_before": np.full(7, 3.0)}
-    tie = finding("joint_spring", 1, "backlash", **loud)
-    other = finding("backlash", 2, "joint_spring", **loud)
+    tie = finding("joint_spring", 1, "backlash")
+    other = finding("backlash", 2, "joint_spring")
     better, half, harm = np.full(7, 3.0), np.full(7, 3.0), np.zeros(7)
     better[:2], half[0], harm[2] = 1.0, 1.5, 1.0
 
     def advised(alone, together):
         errors = {(tie.text,): alone, (tie.text, other.text): together}
         errors[(other.text,)] = np.full(7, 3.0)
-        found = replace(diagnosis(tie, other), **loud).with_errors(errors)
+        found = diagnosis(tie, other, before=3.0).with_errors(errors)
         assert found.remedies[0] == found.main_offer
         return found.main_offer.change.arguments["findings"]
 
@@ -243,30 +277,32 @@ def test_what_is_advised_harms_no_joint_and_leaves_the_lowest_errors():
 def test_what_is_sure_is_added_together():
     """Where its errors were computed; what may be another effect is left, and is in what
     helps."""
-    loud = {"held_out_rmse_before": np.full(7, 3.0)}
-    one, two = finding("backlash", 1, **loud), finding("backlash", 2, **loud)
-    found = diagnosis(one, two, finding("joint_spring", 3, "backlash", **loud))
+    one, two = finding("backlash", 1), finding("backlash", 2)
+    found = diagnosis(one, two, finding("joint_spring", 3, "backlash"), before=3.0)
     assert found.main_offer.change.words == "add backlash on joint 1"
     texts = (one.text, two.text)
-    errors = {"errors_with": (ErrorWith(texts, np.full(7, 1.0)),)}
-    change = replace(found, **errors).main_offer.change
+    errors = ErrorWith(texts, np.full(7, 1.0))
+    change = with_more_errors(found, errors).main_offer.change
     assert change.words == "add backlash on joints 1 and 2"
     assert change.arguments == {"effects": [*texts], "findings": [1, 2]}
-    change = replace(diagnosis(one, two), **errors).main_offer.change
+    pair = diagnosis(one, two, before=3.0)
+    change = with_more_errors(pair, errors).main_offer.change
     assert change.arguments["findings"] == "helpful"
     shape = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.02)
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
     constant = Retune(**vars(shape), **fall)
     texts = (one.text, two.text, constant.text)
-    errors = {"errors_with": (ErrorWith(texts, np.full(7, 1.0)),)}
-    both = replace(diagnosis(one, two), retuned=(constant,), **errors)
+    both = with_more_errors(pair, ErrorWith(texts, np.full(7, 1.0)))
+    both = replace(both, retuned=(constant,))
     change = both.main_offer.change  # what counts is named, and its trifles are counted
     effects = "backlash on joints 1 and 2"
     assert change.words == f"add {effects} and 1 constant of the model at another value"
     (words,) = describe_diagnosis(both, ["N m"] * 7).constants
     assert words.brief_gain == "joint 1's error: 0.2 → 0.1 N m or N, -50 %"
-    useless = finding("stiction", 3, held_out_rmse_after=np.full(7, 3.0), **loud)
-    three = diagnosis(useless, one, two).with_errors({texts[:2]: np.full(7, 1.0)})
+    three = finding("stiction", 3), one, two
+    three = with_more_errors(
+        diagnosis(*three, before=3.0, after={"stiction": 3.0}), errors
+    )
     assert three.main_offer.change.arguments["effects"] == [one.text, two.text]
     assert three.main_offer in three.offers
 
@@ -341,8 +377,8 @@ def test_a_travel_that_both_names_of_a_law_have_is_called_by_both(
 
 
 def test_the_cause_of_the_whole_robot_names_no_joint():
-    tilt = finding("base_tilt", 1, joints=(), held_out_rmse_before=np.full(7, 3.0))
-    assert diagnosis(tilt).cause == "The robot errs: base tilt (confident)."
+    tilt = finding("base_tilt", 1, joints=())
+    assert diagnosis(tilt, before=3.0).cause == "The robot errs: base tilt (confident)."
 
 
 def test_findings_that_cancel_are_one_with_its_sum():
@@ -656,11 +692,14 @@ def test_it_is_said_which_finding_raises_a_joints_error():
     """Findings are dropped for what they do to all joints together."""
     falls, rises = np.full(7, 1.0), np.full(7, 0.5)
     rises[5] = 1.02
-    first = finding("joint_spring", 1, held_out_rmse_after=falls, number=1)
-    second = finding("joint_spring", 2, held_out_rmse_after=rises, number=2)
-    assert errors_that_rise([first]) == ""
-    assert errors_that_rise([]) == ""
-    said = errors_that_rise([first, second])
+    first, second = finding("joint_spring", 1), finding("joint_spring", 2)
+    found = with_more_errors(
+        diagnosis(first, second, after=falls),
+        ErrorWith((first.text, second.text), rises),
+    )
+    assert errors_that_rise(found, found.effects[:1]) == ""
+    assert errors_that_rise(found, []) == ""
+    said = errors_that_rise(found, found.effects)
     assert said.startswith("A joint's error rises with finding 2. ")
     assert "evidence in the training runs" in said
 
