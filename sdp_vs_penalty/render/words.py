@@ -642,7 +642,7 @@ def describe_advice(diagnosis: Diagnosis) -> str:
     """Say what is advised to add, and what it does to the errors; "" for nothing, and where
     the errors were not computed."""
     offer = diagnosis.main_offer
-    outcome = offer and diagnosis.outcome_of(offer)
+    outcome = None if offer is None else diagnosis.outcome_of(offer)
     if offer is None or outcome is None:
         return ""
     words = formatting.sentence(offer.change.words)

@@ -245,6 +245,8 @@ def test_what_lowers_the_worst_joint_most_is_read_first():
     second, useless = finding("backlash", 2), finding("stiction", 3)
     after = {"joint_spring": on_worst, "backlash": other, "stiction": 1.01 * errors}
     found = diagnosis(useless, second, likely, before=errors, after=after)
+    texts = tuple(f.text for f in found.effects)
+    found = with_more_errors(found, ErrorWith(texts, np.full(7, 1.0)))
     assert [f.effect for f in found.in_order_of_reading] == [
         "joint_spring",
         "backlash",
