@@ -6,6 +6,7 @@ import asyncio
 import json
 import re
 from dataclasses import replace
+from itertools import starmap
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -562,7 +563,10 @@ def show_every_kind(story):
     own = {"retuned": (width,)}
     own |= {"curves": (curve,), "noise_source": "residual"}
     texts = (width.text, sure.text, one.text)
-    own |= {"errors_with": (ErrorWith(texts, 0.5 * found.held_out_rmse_before),)}
+    _, alone = found.errors_of(one)
+    errors_with = {texts: 0.5 * found.held_out_rmse_before}
+    errors_with |= {(sure.text,): alone, (one.text,): alone, (rival.text,): alone}
+    own |= {"errors_with": tuple(starmap(ErrorWith, errors_with.items()))}
     every = replace(found, effects=(sure, one, rival), **own)
     session.history[:] = [
         replace(steps[0], findings=every, curve_texts=["measured_curve:2"])
