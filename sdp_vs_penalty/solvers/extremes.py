@@ -54,12 +54,16 @@ class Slice:
         self, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array
     ) -> None:
         """Find an interior point of the slice, a basis of it, and limits of its
-        coordinates.
+        coordinates. Raises InputError if the slice has no interior point.
 
-        ``equalities`` (e, p) hold the slice; ``theta`` need not be feasible;
-        |theta_k| <= ``bound``_k wherever the constraints hold. In the basis all
-        constraints have about the same scale. Raises InputError if the slice has no
-        interior point.
+        Parameters
+        ----------
+        equalities : (e, p) array
+            Rows whose products with theta hold the slice.
+        theta : (p,) array
+            A point of the slice, feasible or not.
+        bound : (p,) array
+            |theta_k| <= bound_k wherever the constraints hold.
         """
         self.solver = make_solver("clarabel")
         # Directions free (p, k) that change no equality.
@@ -71,7 +75,8 @@ class Slice:
             )
         self.constraints = constraints
         self.interior = _interior(constraints, free, theta, bound)
-        # A basis in which all scaled constraints' columns together are orthonormal.
+        # All constraints have about the same scale in a basis in which the columns of
+        # all scaled constraints together are orthonormal.
         on_slice = [_reduced(c, free, self.interior) for c in constraints.convex]
         columns = _posed(on_slice).conic.A
         r = np.linalg.qr(columns.toarray(), mode="r")
@@ -83,14 +88,18 @@ class Slice:
         # Limits of x = r free^T (theta - interior), since free is orthonormal.
         largest_step = bound + np.abs(self.interior)
         self.limit = np.abs(r @ free.T) @ largest_step
-        # Certified lower bounds of x_k and of -x_k are tighter limits.
+        self.limit = np.minimum(self.limit, self._certified_limits())
+        #: Direction g, minimiser and lower bound of each problem solved, by rounded g.
+        self._solutions: dict[bytes, tuple[Array, Array, float]] = {}
+
+    def _certified_limits(self) -> Array:
+        """Return limits (k,) of |x_k| from certified lower bounds of x_k and of -x_k."""
         lowest = []
         for axis in np.eye(len(self.limit)):
             _, lower = self._solve(axis)
             _, minus_upper = self._solve(-axis)
             lowest.append(min(lower, minus_upper))
-        self.limit = np.minimum(self.limit, -np.array(lowest))
-        self._solutions: dict[bytes, tuple[Array, Array, float]] = {}
+        return -np.array(lowest)
 
     def minimum(self, slope: Array) -> Extreme:
         """Return the smallest value of a linear function over the slice.
@@ -114,7 +123,7 @@ class Slice:
             # contains.
             spread = float(np.abs(g) @ self.limit)
             return Extreme(value_at_interior, value_at_interior - spread, self.interior)
-        theta, lower = self._solved_once(g / size)
+        theta, lower = self._minimiser_and_bound(g / size)
         return Extreme(float(slope @ theta), value_at_interior + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
@@ -133,7 +142,7 @@ class Slice:
         minimum = self.minimum(-slope)
         return replace(minimum, value=-minimum.value, bound=-minimum.bound)
 
-    def _solved_once(self, g: Array) -> tuple[Array, float]:
+    def _minimiser_and_bound(self, g: Array) -> tuple[Array, float]:
         """Return a feasible minimiser theta (p,) of g^T x, with |g| = 1, and a certified
         lower bound of the minimum.
 
@@ -187,15 +196,19 @@ def _interior(
     return point
 
 
-def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
+def _reduced(constraint: Constraint, free: Array, origin: Array) -> Constraint:
     """Return a constraint on theta as one on x (k,), with theta = origin + free x.
 
-    constant' = F(origin), coefficients'_k = sum_i free_ik F_i.
+    constant' = F(origin), coefficients'_k = sum_i free_ik F_i; free is (p, k).
     """
-    coefficients = np.tensordot(free[c.indices].T, c.coefficients, axes=(1, 0))
-    columns = np.arange(free.shape[1])
+    coefficients = np.tensordot(
+        free[constraint.indices].T, constraint.coefficients, axes=(1, 0)
+    )
     return replace(
-        c, indices=columns, constant=c.value(origin), coefficients=coefficients
+        constraint,
+        indices=np.arange(free.shape[1]),
+        constant=constraint.value(origin),
+        coefficients=coefficients,
     )
 
 

@@ -199,63 +199,63 @@ def _polished(evidence: DualEvidence, problem: ConvexProblem) -> DualEvidence:
     data = problem.least_squares
     entries = problem.constraints.entries
     bound = problem.bound
-    slope = _objective_slope(evidence, problem)
-    pull = 2.0 * data.R.T
+    objective_slope = _objective_slope(evidence, problem)
+    slope_per_y = 2.0 * data.R.T
     push = _slope_remover(data.R * bound)
     # Scale each matrix F to T F T with a unit diagonal: else the projection would
     # depend on units.
     terms = zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)
-    sizes = [
+    scales = [
         unit_diagonal_factors(x) if g.cone == "psd" else np.ones_like(g.constant)
         for g, x in terms
     ]
-    dual = entries.split(evidence.multipliers)
-    multipliers = evidence.multipliers
+    duals = entries.split(evidence.multipliers)
+    best_multipliers = evidence.multipliers
     # Without a matrix that holds a link's slope, a second round would be the first again.
     holds_links = any(_is_of_link(g) for g in entries.groups)
     best = -np.inf  # the largest lower bound so far, up to a constant
     for _ in range(_DUAL_ROUNDS):
         # 1. Project the multipliers onto their cones.
-        dual = [
-            size * project(group.cone, multiplier / size)
-            for group, multiplier, size in zip(entries.groups, dual, sizes, strict=True)
+        duals = [
+            scale * project(group.cone, dual / scale)
+            for group, dual, scale in zip(entries.groups, duals, scales, strict=True)
         ]
-        flat = np.concatenate([np.zeros(0), *(x.ravel() for x in dual)])
+        multipliers = np.concatenate([np.zeros(0), *(x.ravel() for x in duals)])
         # 2. Remove by y what the data determine; twice, for rounding.
-        slope_with_duals = slope - entries.adjoint(flat, len(bound))
+        slope = objective_slope - entries.adjoint(multipliers, len(bound))
         y = evidence.y
         for _ in range(2):
-            y = y - push(bound * (slope_with_duals + pull @ y))
-        leftover = slope_with_duals + pull @ y
+            y = y - push(bound * (slope + slope_per_y @ y))
+        leftover = slope + slope_per_y @ y
         cost = float(np.abs(leftover) @ bound)
-        value = (
-            -float(entries.constant @ flat)
+        lower = (
+            -float(entries.constant @ multipliers)
             - 2.0 * float(y @ data.rho)
             - float(y @ y)
             - cost
         )
-        gained = value - best
-        if gained > 0.0:
-            best = value
-            multipliers = flat
-        if gained <= _WORTHWHILE * cost or not holds_links:
+        gain = lower - best
+        if gain > 0.0:
+            best = lower
+            best_multipliers = multipliers
+        if gain <= _WORTHWHILE * cost or not holds_links:
             break
         # 3. Put the slope that is left into the multipliers of the links' matrices.
-        for k, (group, size) in enumerate(zip(entries.groups, sizes, strict=True)):
+        for k, (group, scale) in enumerate(zip(entries.groups, scales, strict=True)):
             if _is_of_link(group):
-                per_slope = _multipliers_per_slope(group, size)
+                per_slope = _multipliers_per_slope(group, scale)
                 added = np.einsum("gk,gkab->gab", leftover[group.indices], per_slope)
-                dual[k] = dual[k] + size * added
-    return replace(evidence, multipliers=multipliers, push=push)
+                duals[k] = duals[k] + scale * added
+    return replace(evidence, multipliers=best_multipliers, push=push)
 
 
-def _objective_slope(e: DualEvidence, problem: ConvexProblem) -> Array | float:
-    """Return the gradient (p,) of the objective but for its squares: of its linear
+def _objective_slope(evidence: DualEvidence, problem: ConvexProblem) -> Array | float:
+    """Return the gradient (p,) of the objective without its squares: of its linear
     terms, and of the tangent of the entropic prior."""
     if problem.entropy is None:
         return problem.linear
     prior = problem.entropy
-    pulls = prior.weight * (prior.nominal_terms[0] - e.entropy_slopes)
+    pulls = prior.weight * (prior.nominal_terms[0] - evidence.entropy_slopes)
     return problem.linear + prior.entries.adjoint(pulls.ravel(), len(problem.bound))
 
 
@@ -278,22 +278,23 @@ def _is_of_link(group: ConeGroup) -> bool:
     return group.coefficients.shape[1:] == (10, 4, 4)
 
 
-def _multipliers_per_slope(group: ConeGroup, t: Array) -> Array:
+def _multipliers_per_slope(group: ConeGroup, scale: Array) -> Array:
     """Return (g, 10, 4, 4) matrices E_k that turn a slope of a link into a multiplier.
 
-    A constraint on a link is F_0 + sum_i theta_i F_i >= 0 (4x4), scaled as T F T by
-    ``t`` (g, 4, 4). A slope e (10,) of the link's parameters is removed by the
-    multiplier E = sum_k e_k E_k, since <T F_i T, E> = e_i. Only the last constraint on
-    each link gets one (its minimum thickness, which is active); the others are zero.
+    A constraint on a link is F_0 + sum_i theta_i F_i >= 0 (4x4), scaled entry by entry
+    as T F T by ``scale`` (g, 4, 4). A slope e (10,) of the link's parameters is removed
+    by the multiplier E = sum_k e_k E_k, since <T F_i T, E> = e_i. Only the last
+    constraint on each link gets one (its minimum thickness, which is active); the others
+    are zero.
     """
     # Pseudo-inverse of the ten flat matrices T F_i T (10, 16) of each constraint.
-    flat = (group.coefficients * t[:, None]).reshape(-1, 10, 16)
-    out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(-1, 10, 4, 4)
+    flat = (group.coefficients * scale[:, None]).reshape(-1, 10, 16)
+    matrices = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(-1, 10, 4, 4)
     # A link is known by the index of its first parameter; later constraints overwrite.
     last_of_link = {int(first): k for k, first in enumerate(group.indices[:, 0])}
-    others = np.setdiff1d(np.arange(len(out)), list(last_of_link.values()))
-    out[others] = 0.0
-    return np.asarray(out)
+    others = np.setdiff1d(np.arange(len(matrices)), list(last_of_link.values()))
+    matrices[others] = 0.0
+    return np.asarray(matrices)
 
 
 #: Directions below this share of the data's energy, or of the strongest, are left alone

@@ -93,10 +93,13 @@ def minimise(
 
 
 class _InteriorPoint:
-    """The iterate on its way, and what one step needs of it. Array (2, rows + 16
-    blocks) ``both``: slacks S and multipliers Z; ``mats`` (2, blocks, 4, 4) and
-    ``rows`` (2, rows) are views of it. ``change`` is their change in a step, ``target``
-    where Z is to move."""
+    """The iterate on its way, and what one step needs of it.
+
+    Slacks S and multipliers Z are flat arrays (rows + 16 blocks,), ``slacks`` and
+    ``multipliers``, the two rows of one array ``pair``. ``rows`` (2, rows) and ``blocks``
+    (2, blocks, 4, 4) are views of it. ``change`` is the change of ``pair`` in a step, and
+    ``target`` where Z is to move.
+    """
 
     def __init__(
         self, cones: SmallCones, data: LeastSquares, start: Array | Iterate
@@ -104,34 +107,32 @@ class _InteriorPoint:
         """Start the interior-point method at slacks S and multipliers Z inside the
         cones.
 
-        Cones are nonnegative rows and 4x4 blocks. ``both`` (2, rows + 16 blocks) holds
-        S = constant + slack_map theta and Z, flat; ``rows`` (2, rows) and ``mats`` (2,
-        blocks, 4, 4) are views of it. A start without multipliers gets Z = mu / s for
-        rows and max(w, mu) S^-1 for blocks, on the central path (w is the weight of a
-        block's -log det in the objective). Raises LinAlgError unless the start is
-        strictly inside.
+        S = constant + slack_map theta. A start without multipliers gets those on the
+        central path (:meth:`central_multipliers`). Raises LinAlgError unless the start
+        is strictly inside.
         """
         self.cones = cones
         self.data = data
-        self.both = np.empty((2, len(cones.constant)))
-        self.rows, self.mats = self._views(self.both)
+        self.pair = np.empty((2, len(cones.constant)))
+        self.slacks, self.multipliers = self.pair
+        self.rows, self.blocks = self._views(self.pair)
+        #: (blocks, 1, 1) weight w of each block's -log det in the objective.
         self.weight = cones.weight[:, None, None]
         self.degree = max(cones.rows + ORDER * len(cones.weight), 1)
-        self.logs = float(cones.weight @ np.log(nonzero_or_one(cones.weight)))
-        # Slacks and multipliers of the start.
+        self.weighted_logs = float(cones.weight @ np.log(nonzero_or_one(cones.weight)))
         self.theta = start.theta if isinstance(start, Iterate) else start
-        self.both[0] = cones.constant + cones.slack_map @ self.theta
-        np.linalg.cholesky(self.mats[0])  # raises unless positive definite
+        self.slacks[:] = cones.constant + cones.slack_map @ self.theta
+        np.linalg.cholesky(self.blocks[0])  # raises unless positive definite
         if isinstance(start, Iterate):
-            self.both[1] = start.multipliers
+            self.multipliers[:] = start.multipliers
         else:
-            self.evaluate()
+            self.evaluate_objective()
             # Complementarity of each cone: a small share of the objective.
             mu = _COLD * abs(self.value) / self.degree or 1.0
-            self.inverse = np.linalg.inv(self.mats[0])
-            self.both[1] = self.central(mu)
+            self.inverse = np.linalg.inv(self.blocks[0])
+            self.multipliers[:] = self.central_multipliers(mu)
         is_inside = bool(np.all(self.rows[0] > 0.0))
-        if not is_inside or not np.all(np.isfinite(self.both)):
+        if not is_inside or not np.all(np.isfinite(self.pair)):
             raise np.linalg.LinAlgError
 
     def _views(self, flat: Array) -> tuple[Array, Array]:
@@ -143,8 +144,9 @@ class _InteriorPoint:
         blocks = flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
         return flat[:, :split], blocks
 
-    def evaluate(self) -> None:
-        """Compute loss, value and gradient of the objective without its logarithms."""
+    def evaluate_objective(self) -> None:
+        """Set loss, value and gradient (p,) of the objective without its logarithms,
+        |R theta - rho|^2 + l^T theta."""
         data = self.data
         linear = self.cones.linear
         residual = data.R @ self.theta - data.rho
@@ -184,45 +186,44 @@ class _InteriorPoint:
 
     def iterate(self) -> Iterate:
         """Return a copy of the present iterate."""
-        return Iterate(self.theta, self.both[1].copy())
+        return Iterate(self.theta, self.multipliers.copy())
 
     def factorize(self) -> float:
-        """Factorise the Newton system, and solve it for the predictor.
+        """Factorise the Newton system, and solve it for predictor and correction.
 
-        Index 0 of ``rows`` and ``mats`` are slacks S, index 1 multipliers Z. Sets
-        ``step`` (p,), the predictor (a Newton step towards complementarity zero), and
-        ``correction`` (p,), the Newton step that removes the dual residual (gradient -
-        adjoint of Z). Returns the error: duality gap plus the cost of the dual
+        Sets ``step`` (p,), the predictor (a Newton step towards complementarity zero),
+        and ``correction`` (p,), the Newton step that removes the dual residual (gradient
+        - adjoint of Z). Returns the error: duality gap plus the cost of the dual
         residual, over the loss.
         """
         cones = self.cones
-        # Blocks: S = L L^T and Z likewise; roots L^-1, their transposes, and S^-1.
-        self.factors = np.linalg.cholesky(self.mats)
+        # S = L L^T and Z likewise, (2, blocks, 4, 4): L, L^-1, L^-T, and S^-1.
+        self.factors = np.linalg.cholesky(self.blocks)
         self.roots = np.linalg.inv(self.factors)
-        self.turned = np.swapaxes(self.roots, -1, -2)
-        self.inverse = self.turned[0] @ self.roots[0]
-        self.evaluate()
+        self.roots_transposed = np.swapaxes(self.roots, -1, -2)
+        self.inverse = self.roots_transposed[0] @ self.roots[0]
+        self.evaluate_objective()
         self._factorize_hessian()
-        # Predictor and correction of the dual residual, by one pair of triangular solves.
-        self.leftover = self.gradient - cones.adjoint @ self.both[1]
-        self.target = self.central(0.0)
+        # Both by one pair of triangular solves.
+        dual_residual = self.gradient - cones.adjoint @ self.multipliers
+        self.target = self.central_multipliers(0.0)
         towards_target = cones.adjoint @ self.target - self.gradient
-        right_sides = np.array([towards_target, self.leftover])
+        right_sides = np.array([towards_target, dual_residual])
         solutions, _ = scipy.linalg.lapack.dpotrs(self.cholesky, right_sides.T, lower=1)
         self.step, self.correction = solutions.T
         # Half the square of Newton's decrement: the cost of the dual residual.
-        cost = 0.5 * float(self.leftover @ self.correction)
+        cost = 0.5 * float(dual_residual @ self.correction)
         # The loss, or rounding of it where a model explains all; 1 without torque.
         scale = max(self.loss, 1e-12 * self.data.tau_squared) or 1.0
         error = float((max(self._duality_gap(), 0.0) + max(cost, 0.0)) / scale)
         return error if math.isfinite(error) else math.inf
 
     def _factorize_hessian(self) -> None:
-        """Factorise H = R^T R + curvature of the cones: z / s of the rows, Kronecker
-        products of S^-1 and Z of the blocks. Raises LinAlgError unless it is positive
-        definite."""
+        """Set ``cholesky``, the lower factor (p, p) of H = 2 R^T R + curvature of the
+        cones: z / s of the rows, Kronecker products of S^-1 and Z of the blocks. Raises
+        LinAlgError unless H is positive definite."""
         cones = self.cones
-        kronecker = self.inverse[:, :, :, None, None] * self.mats[1][:, None, None]
+        kronecker = self.inverse[:, :, :, None, None] * self.blocks[1][:, None, None]
         products = np.concatenate([self.rows[1] / self.rows[0], kronecker.ravel()])
         H = self.data.curvature.copy()
         flat = H.ravel()
@@ -237,14 +238,15 @@ class _InteriorPoint:
     def _duality_gap(self) -> float:
         """Return <S, Z> - sum w (4 + log det S Z - 4 log w) over the blocks."""
         weight = self.cones.weight
-        products = float(self.both[0] @ self.both[1])
+        products = float(self.slacks @ self.multipliers)
         diagonals = np.diagonal(self.factors, axis1=-2, axis2=-1)
         log_roots = np.log(diagonals).sum(axis=(0, 2))  # half the log det of S Z
         gap = products - ORDER * float(weight.sum())
-        return gap - (2.0 * float(weight @ log_roots) - ORDER * self.logs)
+        return gap - (2.0 * float(weight @ log_roots) - ORDER * self.weighted_logs)
 
-    def central(self, mu: float) -> Array:
-        """Return the Z, flat, of S for a complementarity mu.
+    def central_multipliers(self, mu: float) -> Array:
+        """Return the multipliers Z, flat, that the central path has at S for a
+        complementarity mu.
 
         Rows: z = mu / s. Blocks: Z = max(w, mu) S^-1, with w the weight of -log det S
         in the objective, for which Z = w S^-1 is optimal.
@@ -252,44 +254,44 @@ class _InteriorPoint:
         blocks = np.maximum(self.weight, mu) * self.inverse
         return np.concatenate([mu / self.rows[0], blocks.ravel()])
 
-    def scaled(self, dS: Array, Z: Array) -> Array:
-        """Return how multipliers Z change when S does, by dS; with the change of Z in
-        place of Z, the second-order term of that. All are flat.
+    def multiplier_response(self, dS: Array, Z: Array) -> Array:
+        """Return by how much multipliers fall, at fixed complementarity, as slacks rise by
+        dS: ds z / s of rows, the symmetric part of S^-1 dS Z of blocks.
 
-        Rows: ds z / s. Blocks: the symmetric part of S^-1 dS Z.
+        With the change of Z in place of Z it is the second-order term. dS, Z and the
+        result are flat.
         """
-        rows, mats = self._views(np.array([dS, Z]))
-        product = self.inverse @ mats[0] @ mats[1]
-        blocks = 0.5 * (product + np.swapaxes(product, -1, -2))
-        return np.concatenate([rows[0] * rows[1] / self.rows[0], blocks.ravel()])
+        rows, blocks = self._views(np.array([dS, Z]))
+        product = self.inverse @ blocks[0] @ blocks[1]
+        symmetric = 0.5 * (product + np.swapaxes(product, -1, -2))
+        return np.concatenate([rows[0] * rows[1] / self.rows[0], symmetric.ravel()])
 
-    def direction(self, step: Array, second: Array | float) -> float:
-        """Compute the changes of S and Z for a step (p,) of theta.
+    def set_direction(self, step: Array, second_order: Array | float) -> float:
+        """Set ``change``, those of S and Z for a step (p,) of theta, and return the
+        longest multiple of it that stays inside the cones.
 
-        ``second`` is the second-order correction of Z. Sets ``change`` (2, rows + 16
-        blocks) and returns the longest multiple of it that stays inside the cones.
+        Z moves to ``target``, less the ``second_order`` term (rows + 16 blocks,) of the
+        predictor.
         """
         dS = self.cones.slack_map @ step
-        Z = self.both[1]
-        dZ = self.target - Z - second - self.scaled(dS, Z)
+        Z = self.multipliers
+        dZ = self.target - Z - second_order - self.multiplier_response(dS, Z)
         self.change = np.array([dS, dZ])
-        rows, mats = self._views(self.change)
+        rows, blocks = self._views(self.change)
         # The most negative relative change; -1 / smallest is the way to the boundary.
         smallest = (rows / self.rows).min(initial=-1e-12)
-        relative = self.roots @ mats @ self.turned
+        relative = self.roots @ blocks @ self.roots_transposed
         # A norm, which bounds eigenvalues, of less than _SHARE allows the whole step.
         could_matter = np.einsum("kbij,kbij->kb", relative, relative) > _SHARE**2
         eigenvalues = np.linalg.eigvalsh(relative[could_matter])
         return -1.0 / float(eigenvalues.min(initial=smallest))
 
-    def complementarity(self, both: Array) -> float:
-        """Return <S, Z> over all cones, less what the weights of log det ask for.
-
-        ``both`` (2, rows + 16 blocks) holds S and Z.
-        """
-        rows, mats = self._views(both)
+    def complementarity(self, pair: Array) -> float:
+        """Return <S, Z> over all cones, less what the weights of log det ask for; ``pair``
+        (2, rows + 16 blocks) holds S and Z."""
+        rows, blocks = self._views(pair)
         # <S, Z> of each block b; on the central path of w log det it is 4 w.
-        products = np.einsum("bij,bij->b", mats[0], mats[1])
+        products = np.einsum("bij,bij->b", blocks[0], blocks[1])
         by_block = products - ORDER * self.cones.weight
         return float(rows[0] @ rows[1] + np.abs(by_block).sum())
 
@@ -302,39 +304,38 @@ class _InteriorPoint:
         second-order term. Returns False if hardly any step is possible.
         """
         cones = self.cones
-        # Predictor: how far it reaches, and which share of complementarity it leaves.
-        reach = min(1.0, 0.999 * self.direction(self.step, 0.0))
-        before = self.complementarity(self.both)
-        after = self.complementarity(self.both + reach * self.change)
+        reach = min(1.0, 0.999 * self.set_direction(self.step, 0.0))
+        before = self.complementarity(self.pair)
+        after = self.complementarity(self.pair + reach * self.change)
         remaining = after / (before or 1.0)
         # Mehrotra's heuristic: the better the predictor, the less centring.
         centring = min(max(remaining ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
-        # Corrector: the predictor's second-order term and the centred target.
-        second = self.scaled(*self.change)
-        self.target = self.central(centring * before / self.degree)
-        right = cones.adjoint @ (self.target - second) - self.gradient
-        step = scipy.linalg.lapack.dpotrs(self.cholesky, right, lower=1)[0]
-        longest = self.direction(step, second)
+        second_order = self.multiplier_response(*self.change)
+        self.target = self.central_multipliers(centring * before / self.degree)
+        right_side = cones.adjoint @ (self.target - second_order) - self.gradient
+        step = scipy.linalg.lapack.dpotrs(self.cholesky, right_side, lower=1)[0]
+        longest = self.set_direction(step, second_order)
         share = min(1.0, (_SHARE + (0.999 - _SHARE) * reach**2) * longest)
         if not share > _SHORTEST:  # NaN, too, ends the iteration
             return False
         self.theta = self.theta + share * step
-        self.both[1] += share * self.change[1]
-        self.both[0] = cones.constant + cones.slack_map @ self.theta
+        self.multipliers += share * self.change[1]
+        self.slacks[:] = cones.constant + cones.slack_map @ self.theta
         return bool(np.all(self.rows[0] > 0.0))
 
     def polished(self) -> Iterate:
-        """Return the iterate after the Newton step ``correction``, without a dual
+        """Return the iterate after the Newton step ``correction``, which leaves no dual
         residual.
 
         If that leaves the cones (rows > 0, blocks positive definite), the present
         iterate is returned.
         """
-        change = self.cones.slack_map @ -self.correction
-        multipliers = self.both[1] - self.scaled(change, self.both[1])
-        moved = np.array([self.both[0] + change, multipliers])
+        dS = self.cones.slack_map @ -self.correction
+        multipliers = self.multipliers - self.multiplier_response(dS, self.multipliers)
+        moved = np.array([self.slacks + dS, multipliers])
+        rows, blocks = self._views(moved)
         with suppress(np.linalg.LinAlgError):
-            np.linalg.cholesky(self._views(moved)[1])
-            if np.all(moved[:, : self.cones.rows] > 0.0):
+            np.linalg.cholesky(blocks)  # raises unless positive definite
+            if np.all(rows > 0.0):
                 return Iterate(self.theta - self.correction, multipliers)
         return self.iterate()

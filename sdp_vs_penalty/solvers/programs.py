@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 import time
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -122,33 +122,13 @@ class Program(Solver):
         solution the Solution has no numbers, and says what the program claims.
         """
         command = self.command(options)
-        program = command[0]
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
             folder = Path(name)
             begin = time.process_time()
-            (folder / "problem.dat-s").write_text(sdpa_text(problem))
-            template = Path(__file__).with_name(f"param.{program}")
-            if template.is_file():  # the program takes its options from a file
-                parameters = template.read_text("utf-8").format(**options)
-                (folder / template.name).write_text(parameters)
+            self._write_files(folder, problem, options)
             file_seconds = time.process_time() - begin
-            done = subprocess.run(
-                command,
-                cwd=folder,
-                check=False,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                errors="replace",
-            )
-            # A negative return code is minus the signal that ended the program.
-            # The calling process counts these as a crash of the solver.
-            if done.returncode == -signal.SIGXCPU:
-                raise TimeoutError(f"{program} used up its processor time")
-            if done.returncode < 0:
-                what = f"{program} ended by signal {-done.returncode}"
-                raise ChildProcessError(what)
-            claims, status, iterations = self.ended(done.stdout, done.returncode)
+            output, code = _run_in(folder, command)
+            claims, status, iterations = self.ended(output, code)
             begin = time.process_time()
             answer = self.answer(folder, problem)
             file_seconds += time.process_time() - begin
@@ -159,6 +139,42 @@ class Program(Solver):
             claims = "failed"
         nothing = Solution.none(problem, status, claims, iterations)
         return replace(nothing, file_seconds=file_seconds)
+
+    def _write_files(
+        self, folder: Path, problem: ConicProblem, options: Mapping[str, Any]
+    ) -> None:
+        """Write the problem, and the options of a program that takes them from a
+        file."""
+        program = self.command(options)[0]
+        (folder / "problem.dat-s").write_text(sdpa_text(problem))
+        template = Path(__file__).with_name(f"param.{program}")
+        if template.is_file():
+            parameters = template.read_text("utf-8").format(**options)
+            (folder / template.name).write_text(parameters)
+
+
+def _run_in(folder: Path, command: Sequence[str]) -> tuple[str, int]:
+    """Run a program in a folder; return its output and exit code.
+
+    Raises TimeoutError or ChildProcessError if a signal has ended it, which the caller
+    counts as a crash of the solver.
+    """
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        check=False,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+    )
+    # A negative return code is minus the signal that ended the program.
+    if done.returncode == -signal.SIGXCPU:
+        raise TimeoutError(f"{command[0]} used up its processor time")
+    if done.returncode < 0:
+        what = f"{command[0]} ended by signal {-done.returncode}"
+        raise ChildProcessError(what)
+    return done.stdout, done.returncode
 
 
 class Csdp(Program):

@@ -190,21 +190,23 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     return Rewritten(rewritten, back)
 
 
-def _own_variables(E: Any) -> tuple[Indices, Array]:
-    """Return of each equality, a row of E, a variable that occurs in no other one, and its
-    coefficient there.
+def _pivot_variables(equalities: Any) -> tuple[Indices, Array]:
+    """Return of each equality, a row of a sparse matrix (by columns), a variable that
+    occurs in no other one, and its coefficient there, both (rows,).
 
     Of several the last one, a residual variable (with -1): parameters stay, in a file
     too, whose reader knows where they are. Raises NotApplicableError without any.
     """
-    candidates = np.flatnonzero(np.diff(E.indptr) == 1)
-    row_of = E.indices[E.indptr[candidates]]
-    value = E.data[E.indptr[candidates]]
-    order = np.lexsort((-candidates, row_of))
-    rows, first = np.unique(row_of[order], return_index=True)
-    if len(rows) != E.shape[0]:
+    n_entries = np.diff(equalities.indptr)  # of each column
+    candidates = np.flatnonzero(n_entries == 1)
+    row = equalities.indices[equalities.indptr[candidates]]
+    coefficient = equalities.data[equalities.indptr[candidates]]
+    # By rows, in each the last candidate first.
+    order = np.lexsort((-candidates, row))
+    rows, first = np.unique(row[order], return_index=True)
+    if len(rows) != equalities.shape[0]:
         raise NotApplicableError("an equality holds no variable of its own")
-    return candidates[order][first], value[order][first]
+    return candidates[order][first], coefficient[order][first]
 
 
 def without_equalities(problem: ConicProblem) -> Rewritten:
@@ -234,11 +236,11 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     E = scipy.sparse.csc_matrix(A[is_equal])
     e = problem.b[is_equal]
     inequalities = A[~is_equal]
-    pivots, size = _own_variables(E)
+    pivots, coefficient = _pivot_variables(E)
     free_columns = np.setdiff1d(np.arange(A.shape[1]), pivots)
     # x_pivot = offset - slope x_free
-    slope = scipy.sparse.diags(1.0 / size) @ E[:, free_columns]
-    offset = e / size
+    slope = scipy.sparse.diags(1.0 / coefficient) @ E[:, free_columns]
+    offset = e / coefficient
     inequalities = scipy.sparse.csc_matrix(inequalities)
     of_pivots = inequalities[:, pivots]
     rewritten = ConicProblem(
@@ -257,7 +259,7 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
         full_x[pivots] = offset - slope @ x
         full_z[~is_equal] = z
         # Stationarity in the pivots: q + A^T z = 0.
-        full_z[is_equal] = -(problem.q[pivots] + of_pivots.T @ z) / size
+        full_z[is_equal] = -(problem.q[pivots] + of_pivots.T @ z) / coefficient
         return full_x, full_z
 
     return Rewritten(rewritten, back, float(problem.q[pivots] @ offset))
@@ -301,18 +303,18 @@ def arrows(problem: ConicProblem) -> Rewritten:
 
 def _mapped(
     problem: ConicProblem,
-    change: scipy.sparse.csr_matrix,
-    home: scipy.sparse.csr_matrix,
+    row_map: scipy.sparse.csr_matrix,
+    multiplier_map: scipy.sparse.csr_matrix,
 ) -> Rewritten:
-    """Return the problem with rows ``change`` A and ``change`` b, and the way back.
+    """Return the problem with the rows ``row_map`` A and ``row_map`` b, and the way back.
 
-    ``change`` maps the rows b - A x of the old cones to those of the new ones; ``home``
-    maps the new multipliers back to the old ones. The variables x stay.
+    ``row_map`` maps the rows b - A x of the old cones to those of the new ones;
+    ``multiplier_map`` maps the new multipliers to the old ones. The variables x stay.
     """
     mapped = replace(
-        problem, A=scipy.sparse.csc_matrix(change @ problem.A), b=change @ problem.b
+        problem, A=scipy.sparse.csc_matrix(row_map @ problem.A), b=row_map @ problem.b
     )
-    return Rewritten(mapped, lambda x, z: (x, home @ z))
+    return Rewritten(mapped, lambda x, z: (x, multiplier_map @ z))
 
 
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
@@ -368,24 +370,24 @@ def full_matrices(problem: ConicProblem) -> Rewritten:
         Its rows no longer match Cone.rows. A solver may return any matrix; the way back
         takes its lower triangle, the only one that CVXOPT fills.
     """
-    outward = []
-    homeward = []
+    row_maps = []
+    multiplier_maps = []
     for cone in problem.cones:
         d = cone.size
         rows = cone.rows
-        out = home = scipy.sparse.identity(rows, format="csr")
+        row_map = multiplier_map = scipy.sparse.identity(rows, format="csr")
         if cone.kind == "psd":
             # Entries stand column by column: (row j, column i) of the lower triangle at
             # i * d + j.
             i, j, weight = triangle(d)
             matrices = unsvec(np.eye(rows), d)
-            out = scipy.sparse.csr_matrix(matrices.reshape(rows, -1).T)
+            row_map = scipy.sparse.csr_matrix(matrices.reshape(rows, -1).T)
             places = (np.arange(rows), i * d + j)
-            home = scipy.sparse.csr_matrix((weight, places), (rows, d * d))
-        outward.append(out)
-        homeward.append(home)
+            multiplier_map = scipy.sparse.csr_matrix((weight, places), (rows, d * d))
+        row_maps.append(row_map)
+        multiplier_maps.append(multiplier_map)
     return _mapped(
         problem,
-        scipy.sparse.block_diag(outward, format="csr"),
-        scipy.sparse.block_diag(homeward, format="csr"),
+        scipy.sparse.block_diag(row_maps, format="csr"),
+        scipy.sparse.block_diag(multiplier_maps, format="csr"),
     )

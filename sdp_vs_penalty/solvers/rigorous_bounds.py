@@ -69,25 +69,24 @@ def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array
     (e,) array
         Sums of absolute values in each entry, for bounds of the rounding.
     """
-    # Nonnegative rows are done by this; other groups are overwritten below.
-    size = np.maximum(multipliers, 0.0)
-    exact = np.asarray(size, Long)
-    # Views of each group, written to in place: ``values`` of exact, ``its_size`` of
-    # size.
-    parts = [entries.split(x) for x in (multipliers, exact, size)]
-    groups_with_values = zip(entries.groups, *parts, strict=True)
-    for group, raw, values, its_size in groups_with_values:
-        if group.cone == "psd" and raw.any():
-            symmetric = 0.5 * (raw + np.swapaxes(raw, 1, 2))
-            values[:], its_size[:] = _square(factor(symmetric))
+    # Of nonnegative rows this is all; other groups are overwritten below.
+    absolute_sums = np.maximum(multipliers, 0.0)
+    inside = np.asarray(absolute_sums, Long)
+    # Views of each group, written to in place.
+    parts = [entries.split(x) for x in (multipliers, inside, absolute_sums)]
+    groups_with_views = zip(entries.groups, *parts, strict=True)
+    for group, outside, inside_view, sums_view in groups_with_views:
+        if group.cone == "psd" and outside.any():
+            symmetric = 0.5 * (outside + np.swapaxes(outside, 1, 2))
+            inside_view[:], sums_view[:] = _square(factor(symmetric))
         elif group.cone == "soc":
             # Raise the axis to the norm of the other entries, rounding included.
-            values[:] = raw
-            norm = np.sqrt(np.sum(values[:, 1:] ** 2, axis=1))
-            norm_with_rounding = norm * (1 + _gamma(values.shape[1])) + _TINY
-            values[:, 0] = np.maximum(values[:, 0], norm_with_rounding)
-            its_size[:] = np.abs(values)
-    return exact, size
+            inside_view[:] = outside
+            norm = np.sqrt(np.sum(inside_view[:, 1:] ** 2, axis=1))
+            norm_with_rounding = norm * (1 + _gamma(inside_view.shape[1])) + _TINY
+            inside_view[:, 0] = np.maximum(inside_view[:, 0], norm_with_rounding)
+            sums_view[:] = np.abs(inside_view)
+    return inside, absolute_sums
 
 
 def _square(v: Array) -> tuple[Extended, Array]:
@@ -124,40 +123,45 @@ def factor(matrices: Array) -> Array:
     (g, d, d)
         V; zero for zero matrices.
     """
-    out = np.zeros_like(matrices)
-    used = matrices.any(axis=(1, 2))
+    factors = np.zeros_like(matrices)
+    is_nonzero = matrices.any(axis=(1, 2))
     try:
         # Near entry by entry, in any system of units.
-        out[used] = np.linalg.cholesky(matrices[used])
+        factors[is_nonzero] = np.linalg.cholesky(matrices[is_nonzero])
     except np.linalg.LinAlgError:
         size = np.sqrt(np.abs(_diagonals(matrices)))
         size = nonzero_or_one(size)[:, :, None]
         eigenvalues, vectors = np.linalg.eigh(matrices / size / _transposed(size))
         roots = np.sqrt(np.maximum(eigenvalues, 0.0))
-        out = size * vectors * roots[:, None]
-    return out
+        factors = size * vectors * roots[:, None]
+    return factors
 
 
-def _against(
-    entries: StackedCones, dual: Extended, sizes: Array, p: int
+def _constraint_sum(
+    entries: StackedCones, multipliers: Extended, absolute_sums: Array, p: int
 ) -> tuple[Extended, Extended]:
-    """Return sum <S_i, F_i(theta)> over all constraints, as slope (2, p) and constant
-    (2,).
+    """Return sum <S_i, F_i(theta)> over all constraints, affine in theta, as slope
+    (2, p) and constant (2,).
 
-    F_i is affine in theta (p,), so the sum is slope theta + constant. Entry 0 of both
-    is the value, entry 1 the sum of absolute values, which bounds the rounding.
-    ``dual`` and ``sizes`` (e,) are the entries of the multipliers S_i and their
-    absolute sums.
+    Entry 0 of both is the value, entry 1 the sum of absolute values, which bounds the
+    rounding.
+
+    Parameters
+    ----------
+    multipliers, absolute_sums : (e,) arrays
+        Entries of the multipliers S_i, and the sums of absolute values in each.
+    p : int
+        Number of parameters theta.
     """
     # The entries' F = constant + sparse matrix (row, column, value) theta.
     slope = np.zeros((2, p), Long)
-    terms = entries.value * dual[entries.row]
+    terms = entries.value * multipliers[entries.row]
     np.add.at(slope[0], entries.column, terms)
-    sizes_of_terms = np.abs(entries.value) * sizes[entries.row]
-    slope[1] = np.bincount(entries.column, sizes_of_terms, p)
-    constant = entries.constant @ dual
-    size = np.abs(entries.constant) @ sizes
-    return slope, np.array([constant, size], Long)
+    absolute_terms = np.abs(entries.value) * absolute_sums[entries.row]
+    slope[1] = np.bincount(entries.column, absolute_terms, p)
+    constant = entries.constant @ multipliers
+    absolute_constant = np.abs(entries.constant) @ absolute_sums
+    return slope, np.array([constant, absolute_constant], Long)
 
 
 def _entropy_tangent(
@@ -179,7 +183,7 @@ def _entropy_tangent(
     exact, size = _square(v)
     dual = (inverse - exact).ravel()
     sizes = (np.abs(inverse) + size).ravel()
-    slope, constant = _against(entropy.entries, dual, sizes, p)
+    slope, constant = _constraint_sum(entropy.entries, dual, sizes, p)
     # A logarithm is accurate to a few units in its last place, or in that of one.
     log_terms = 2 * logs.sum() + log_det.sum()
     size_of_logs = 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
@@ -217,7 +221,7 @@ def _affine_minorant(
     p = len(problem.bound)
     signs = np.array([-1, 1])
     dual, dual_sizes = in_cones(constraints, evidence.multipliers)
-    slope, constant = _against(constraints, dual, dual_sizes, p)
+    slope, constant = _constraint_sum(constraints, dual, dual_sizes, p)
     slope = signs[:, None] * slope
     constant = signs * constant
     linear = np.array([problem.linear, np.abs(problem.linear)])
@@ -247,43 +251,56 @@ def lower_bound(problem: ConvexProblem, evidence: DualEvidence) -> float:
     float
         -inf if the slopes of the prior are not positive definite.
     """
-    # 1. The affine function of theta that the constraints and the prior make.
-    data = problem.least_squares
-    bound = problem.bound
     try:
         slope, constant = _affine_minorant(problem, evidence)
     except np.linalg.LinAlgError:
         return -np.inf
+    y, leftover = _corrected_y(problem, evidence, slope[0])
+    data = problem.least_squares
+    rho = np.asarray(data.rho, Long)
+    limit = np.asarray(problem.bound, Long)
+    floor = Long(data.residual_norm) ** 2
+    # Sums of absolute values times gamma bound the rounding of the sums.
     operations = len(evidence.y) + len(problem.constraints.entries.constant)
     if problem.entropy is not None:
         operations += len(problem.entropy.entries.constant)
-    # 2. y is corrected first in doubles, then in extended precision.
+    gamma = _gamma(operations)
+    absolute_slope = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))
+    largest_leftover = np.abs(leftover) + gamma * (slope[1] + absolute_slope) + _TINY
+    cost = largest_leftover @ limit
+    absolute_sum = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
+    computed = constant[0] + floor - 2 * (y @ rho) - y @ y - cost
+    lowest = computed - gamma * absolute_sum - _TINY
+    double = float(lowest)  # rounded down, in case the conversion rounded up
+    return double if double <= lowest else float(np.nextafter(double, -np.inf))
+
+
+def _corrected_y(
+    problem: ConvexProblem, evidence: DualEvidence, slope: Extended
+) -> tuple[Extended, Extended]:
+    """Return y (r,) shifted until the leftover slope (p,) = ``slope`` + 2 R^T y costs
+    little, and this leftover, both in extended precision.
+
+    y is corrected first in doubles, then in extended precision.
+    """
+    data = problem.least_squares
+    bound = problem.bound
     push = evidence.push
-    first_slope = np.asarray(slope[0], float) + 2.0 * (evidence.y @ data.R)
+    first_slope = np.asarray(slope, float) + 2.0 * (evidence.y @ data.R)
     first_y = evidence.y - push(bound * first_slope)
     R = np.asarray(data.R, Long)
-    rho = np.asarray(data.rho, Long)
     limit = np.asarray(bound, Long)
-    y = np.asarray(first_y, Long)
     floor = Long(data.residual_norm) ** 2
-    leftover = slope[0] + 2 * (y @ R)
+    y = np.asarray(first_y, Long)
+    leftover = slope + 2 * (y @ R)
     for _ in range(CORRECTIONS):
         scaled_leftover = np.asarray(limit * leftover, float)
         loss = float(y @ y + floor)
         if np.abs(scaled_leftover).sum() <= 1e-3 * TIGHT * loss:
             break
         y = y - push(scaled_leftover)
-        leftover = slope[0] + 2 * (y @ R)
-    # 3. Sums of absolute values times gamma bound the rounding of the sums.
-    gamma = _gamma(operations)
-    sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))
-    largest_leftover = np.abs(leftover) + gamma * (slope[1] + sizes) + _TINY
-    cost = largest_leftover @ limit
-    size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
-    computed = constant[0] + floor - 2 * (y @ rho) - y @ y - cost
-    lowest = computed - gamma * size - _TINY
-    double = float(lowest)  # rounded down, in case the conversion rounded up
-    return double if double <= lowest else float(np.nextafter(double, -np.inf))
+        leftover = slope + 2 * (y @ R)
+    return y, leftover
 
 
 #: Gap relative to the loss that is promised: an answer within it is kept at once, a
@@ -362,13 +379,13 @@ def _exact_value(
 
     ``theta`` maps indices of parameters to values. A matrix is made symmetric.
     """
-    out = [Fraction(float(x)) for x in constraint.constant.ravel()]
+    entries = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
         flat = coefficient.ravel()
-        for entry in np.flatnonzero(flat):
-            out[entry] += theta[int(k)] * Fraction(float(flat[entry]))
+        for place in np.flatnonzero(flat):
+            entries[place] += theta[int(k)] * Fraction(float(flat[place]))
     if constraint.cone != "psd":
-        return out
+        return entries
     d = len(constraint.constant)
     places = product(range(d), range(d))
-    return [(out[i * d + j] + out[j * d + i]) / 2 for i, j in places]
+    return [(entries[i * d + j] + entries[j * d + i]) / 2 for i, j in places]

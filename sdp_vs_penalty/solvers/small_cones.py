@@ -34,8 +34,9 @@ _DENSE = 1 << 16
 class _ConePart:
     """Cones of one kind and size."""
 
-    #: Place among the kinds: 0 of rows, 1 of the entropy's links, 2 of further blocks.
-    turn: int
+    #: 0: nonnegative rows, 1: the entropy's links, 2: further blocks. Slacks are in this
+    #: order.
+    kind: int
     #: (slacks, d) map from a cone's entries to its slacks.
     image: Array
     #: (slacks,) constants that are added to the slacks.
@@ -59,7 +60,7 @@ class SmallCones:
       the entropy's trace term.
     - ``curvature``: maps y / s of the rows and S^-1 (x) Z of the blocks to the entries
       ``places`` of the Hessian (p, p), lower triangle, column by column.
-    - ``home`` (e, rows + 16 blocks): maps multipliers to those of the constraints'
+    - ``to_entries`` (e, rows + 16 blocks): maps multipliers to those of the constraints'
       entries, zero for one that another constraint implies.
     """
 
@@ -86,18 +87,18 @@ class SmallCones:
         n_entries = sum(group.constant.size for group in groups)
         # Slacks = image (cones' entries) + ones on the diagonals of padded matrices.
         image = _image_of_parts(parts, n_entries)
-        self.rows = sum(part.n_slacks for part in parts if part.turn == 0)
+        self.rows = sum(part.n_slacks for part in parts if part.kind == 0)
         ones = [np.tile(part.ones, len(part.begins)) for part in parts]
         self.constant = image @ cones.constant
         self.constant += np.concatenate([np.zeros(0), *ones])
         # The constraints' entries come before those of the prior's links.
-        self.home = image[:, : len(constraints.entries.constant)].T.tocsr()
+        self.to_entries = image[:, : len(constraints.entries.constant)].T.tocsr()
         n_blocks = (image.shape[0] - self.rows) // ORDER**2
         self.weight = np.zeros(n_blocks)
         self.linear = np.zeros(p)
         self._n_links_with_prior = len(links)
         if entropy is not None and links:
-            self._weigh(entropy)
+            self._set_entropy_terms(entropy)
         places = (cones.row, cones.column)
         entries = scipy.sparse.csr_matrix((cones.value, places), (n_entries, p))
         slack_map = image @ entries
@@ -111,7 +112,7 @@ class SmallCones:
             self.slack_map = slack_map.toarray()
             self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
 
-    def _weigh(self, entropy: Entropy) -> None:
+    def _set_entropy_terms(self, entropy: Entropy) -> None:
         """Set the prior's terms of the objective: w (tr(P_0^-1 P(theta)) - log det
         P(theta)).
 
@@ -145,7 +146,7 @@ class SmallCones:
         assert entropy is not None
         assert entropy.weight > 0.0
         cones = copy(self)
-        cones._weigh(entropy)
+        cones._set_entropy_terms(entropy)
         return cones
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
@@ -163,7 +164,7 @@ class SmallCones:
         links = np.count_nonzero(self.weight)
         end = self.rows + links * ORDER**2
         slopes = flat[self.rows : end].reshape(-1, ORDER, ORDER)
-        return self.home @ flat, slopes / self.weight[0] if links else None
+        return self.to_entries @ flat, slopes / self.weight[0] if links else None
 
 
 def _parts(
@@ -175,33 +176,29 @@ def _parts(
     Constraints that others imply are left out, and so is the pseudo-inertia of a link
     with a prior, since -log det P keeps it positive definite.
     """
-    # -log det P keeps P positive definite by itself.
-    kept_by_log_det = {("pseudo-inertia", *link.indices.tolist()) for link in links}
+    implied_by_prior = {("pseudo-inertia", *link.indices.tolist()) for link in links}
     needed = {
         constraint
         for constraint in constraints.essential
-        if (constraint.family, *constraint.indices.tolist()) not in kept_by_log_det
+        if (constraint.family, *constraint.indices.tolist()) not in implied_by_prior
     }
     parts = []
     start = 0  # first entry of the group among all groups' entries
     for number, group in enumerate(groups):
         # The links of the prior come after the constraints' groups.
         is_of_links = number >= len(constraints.groups)
-        # ``turn`` sorts the parts: 0 rows, 1 links of the prior, 2 other blocks.
         if is_of_links:
             members = np.arange(len(group.places))
-            turn = 1
+            kind = 1
         else:
             is_needed = [constraints.convex[k] in needed for k in group.places]
             members = np.flatnonzero(is_needed)
-            turn = 0 if group.cone == "nonnegative" else 2
-        # Map from a cone's entries to its slacks (a 4x4 block, flat), and the ones that
-        # pad the diagonal of a smaller matrix.
+            kind = 0 if group.cone == "nonnegative" else 2
         image, ones = _image(group.cone, group.constant.shape[1])
         begins = start + image.shape[1] * members  # first entry of each cone
-        parts.append(_ConePart(turn, image, ones, begins))
+        parts.append(_ConePart(kind, image, ones, begins))
         start += group.constant.size
-    return sorted(parts, key=lambda part: part.turn)
+    return sorted(parts, key=lambda part: part.kind)
 
 
 def _image_of_parts(
@@ -231,8 +228,8 @@ def _image_of_parts(
 
 
 def _image(cone: str, d: int) -> tuple[Array, Array]:
-    """Return the map from a cone's entries to its slacks, and the constant that is
-    added.
+    """Return the map (slacks, entries) from a cone's entries to its slacks, and the
+    constants (slacks,) that are added.
 
     A nonnegative row is its own slack. A matrix of order d <= 4 becomes a 4x4 matrix
     with ones on the further diagonal. A second-order cone (axis first) becomes the
@@ -263,9 +260,9 @@ def _curvature(
     Hessian.
 
     H_ij = sum over blocks of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c]
-    Z[d, b]: an entry is the factor of the product (S^-1)[a, c] Z[d, b] in H_ij, for i
-    >= j at the place (j, i). For a row the product is z / s. slack_map is (rows + 16
-    blocks, p).
+    Z[d, b]: an entry of the map is the factor F_i[a, b] F_j[c, d] of the product
+    (S^-1)[a, c] Z[d, b] in H_ij, for i >= j, at the place (j, i). For a row the product
+    is z / s. slack_map (rows + 16 blocks, p) holds the F_i.
     """
     nonzero = slack_map.tocoo()
     p = slack_map.shape[1]
@@ -274,12 +271,7 @@ def _curvature(
     block, entry = np.divmod(nonzero.row - rows, ORDER**2)
     block = np.where(is_row, nonzero.row, rows + block)
     entry = np.where(is_row, 0, entry)
-    # All pairs (first, second) of entries of one block.
-    count = np.bincount(block)[block]
-    begins = np.searchsorted(block, block)
-    first = np.repeat(np.arange(len(block)), count)
-    first_pair = np.cumsum(count) - count
-    second = np.arange(len(first)) - np.repeat(first_pair - begins, count)
+    first, second = _pairs_in_blocks(block)
     is_lower = nonzero.col[first] >= nonzero.col[second]
     first = first[is_lower]
     second = second[is_lower]
@@ -293,3 +285,14 @@ def _curvature(
     value = nonzero.data[first] * nonzero.data[second]
     places = (nonzero.col[second] * p + nonzero.col[first], product)
     return scipy.sparse.csr_matrix((value, places), (p * p, n_products))
+
+
+def _pairs_in_blocks(block: Indices) -> tuple[Indices, Indices]:
+    """Return all pairs (first, second) of entries of one block, from the ascending block
+    numbers (N,) of the entries: two arrays of numbers of entries."""
+    count = np.bincount(block)[block]
+    begins = np.searchsorted(block, block)
+    first = np.repeat(np.arange(len(block)), count)
+    first_pair = np.cumsum(count) - count
+    second = np.arange(len(first)) - np.repeat(first_pair - begins, count)
+    return first, second
