@@ -189,10 +189,10 @@ def _spans_named(
     ``issues`` are by the run's hash."""
     several = len(runs.names) > 1
     return tuple(
-        Span(run.names[0] if several else "", *issue.figures["span"])
+        Span(run.names[0] if several else "", *issue.span)
         for run in runs.runs()
         for issue in issues.get(run.data_hash, ())
-        if _is_likely(issue) and "span" in issue.figures
+        if issue.span is not None and _is_likely(issue)
     )
 
 
@@ -220,10 +220,10 @@ def _beside_check(
             x for x in issue.remedies if x.change.verb in ("transform", "mount")
         ]:
             faults[issue.what] = repairs
-        elif "log_odds" in issue.figures and issue.kind != FRICTION:
+        elif issue.log_odds is not None and issue.kind != FRICTION:
             # It names a cause, which is not what findings on the arm's friction say too.
             named = issue.kind, issue.what
-            explained[named] = issue.figures.get("joints", ())
+            explained[named] = issue.joints
     for (kind, what), joints in explained.items():
         diagnosis = diagnosis.beside_explanation_of_log(kind, what, joints)
     return diagnosis.beside_faults_of_log([*chain.from_iterable(faults.values())])
@@ -232,16 +232,13 @@ def _beside_check(
 def _states(diagnosis: Diagnosis, issue: Issue) -> bool:
     """Return whether a finding that helps, or what acts for a part of the time, states
     an issue of the check too."""
-    figures = issue.figures
-    joints = tuple(figures.get("joints", ()))
-    at = figures.get("t")
     return any(
-        issue.kind in EFFECTS.get(f.effect).faults and f.joints in ((), joints)
+        issue.kind in EFFECTS.get(f.effect).faults and f.joints in ((), issue.joints)
         for f in diagnosis.effects
         if f.torque_is_certain
     ) or (
-        any(span.covers(at) for span in diagnosis.left_out)
-        if at is not None
+        any(span.covers(issue.at) for span in diagnosis.left_out)
+        if issue.at is not None
         else bool(diagnosis.passing) and issue.kind == "another load"
     )
 

@@ -266,18 +266,18 @@ class LoggerJudge:
         }
         of_log = []
         for issue in (*self._said_of_run(number, stated), *differences):
-            joints = issue.figures["joints"] or [0] if issue.apply else []
+            joints = issue.joints or (0,)
             if not issue.apply or faults_left & {(issue.kind, j) for j in joints}:
                 of_log.append(issue)
         # One arm for all rows leaves what a difference explains that no repair undoes; a
         # motion of few directions cannot show what it leaves.
-        differs = any(x.repair is None or "span" in x.figures for x in differences)
+        differs = any(x.repair is None or x.span is not None for x in differences)
         unexplained: list[Issue] = []
         if not (self.is_poor_motion or (differs and verdict.is_well_explained)):
             unexplained = [*unexplained_torque(log, net, has_gains, not differs)]
         if not verdict.is_well_explained:
             unexplained = [
-                with_rival_effects(x, [SOMETHING_ELSE]) if "span" in x.figures else x
+                with_rival_effects(x, [SOMETHING_ELSE]) if x.span is not None else x
                 for x in unexplained
             ]
         new = [
@@ -323,14 +323,14 @@ class LoggerJudge:
         """Yield the issues of all runs that concern one of them: no step of another
         run, and the instants of its own by its own clock."""
         for issue in stated:
-            if "t" not in issue.figures:
+            if issue.at is None:
                 yield issue
-            elif (at := self._time_in_run(number, issue.figures["t"])) is not None:
+            elif (at := self._time_in_run(number, issue.at)) is not None:
                 yield replace(
                     issue,
                     what=issue.what.format(t=at),
                     where=issue.where.format(t=at),
-                    figures={**issue.figures, "t": at},
+                    at=at,
                 )
 
 
@@ -340,7 +340,7 @@ def _change(log: Likelihood, claim: Claim, t: float, supposed: str) -> Issue:
     name = f"the part from t = {t:.4g} s on"
     issue = issue_of_difference(log, claim, name, supposed)
     place = f"t = {t:.4g} s"
-    if issue.figures["joints"]:
+    if issue.joints:
         place = f"{issue.where}, {place}"
     return replace(
         issue,
@@ -352,7 +352,7 @@ def _change(log: Likelihood, claim: Claim, t: float, supposed: str) -> Issue:
         remedy="cut the run there and use each part by itself",
         apply="",
         repair=None,
-        figures={**issue.figures, "t": t},
+        at=t,
     )
 
 
@@ -385,14 +385,13 @@ def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
     """Whether a fact of the run already explains an issue: those of all its joints,
     or a one-off event lies where rows are missing."""
-    if "span" in issue.figures:
-        return _is_near_gap(report.repaired_all, issue.figures["t"])
+    if issue.span is not None and issue.at is not None:
+        return _is_near_gap(report.repaired_all, issue.at)
     clipped: set[int] = set()
     for fact in report.issues:
         if fact.explains_joints:
-            clipped.update(fact.figures["joints"])
-    joints = issue.figures.get("joints", ())
-    return bool(joints) and clipped.issuperset(joints)
+            clipped.update(fact.joints)
+    return bool(issue.joints) and clipped.issuperset(issue.joints)
 
 
 def _is_near_gap(run: Measurements, t: float) -> bool:
@@ -408,11 +407,11 @@ def _cuts(report: Report, issue: Issue) -> tuple[Change, ...]:
     time around an event, else what comes after the instant or what comes before it. The
     change that leaves out the shorter part is first; an issue without an instant has none.
     """
-    if "t" not in issue.figures:
+    at = issue.at
+    if at is None:
         return ()
-    at = issue.figures["t"]
-    if "span" in issue.figures:
-        first, last = issue.figures["span"]
+    if issue.span is not None:
+        first, last = issue.span
         parts = [(f"{last - first:.2g} s around", first, last)]
     else:
         begin, end = report.repaired_all.t[[0, -1]].tolist()

@@ -162,15 +162,14 @@ def _of_fault(
     log: Likelihood, fault: Fault, claims: Sequence[Claim], net: LogTransform
 ) -> Issue:
     """Return the issue of one fault that the claims are about."""
-    figures = {"joints": [j + 1 for j in fault.joints], **fault.figures}
-    figures["log_odds"] = float(sum(claim.log_odds for claim in claims))
+    numbers, probability = {**fault.figures}, None
     what, is_known = fault.what, True
     if fault.number is not None and claims and claims[-1].std > 0.0:
         size = fault.number.size_in(net)
         reach = _INTERVAL * claims[-1].std
         ends = [size - reach, size + reach]
         is_known = reach < fault.number.known_within
-        figures["interval"] = ends
+        numbers["interval"] = ends
         what = f"{what.rstrip('.')} (95 %: {fault.interval_in_words(ends)})."
     hypotheses = [x.hypothesis for claim in claims for x in claim.rivals]
     effects = [h.effect for h in hypotheses if h.effect]
@@ -184,9 +183,8 @@ def _of_fault(
     as_likely = [x.what.rstrip(".") for x in of_rivals]
     if as_likely:
         what = f"{what} As likely: {'; '.join(as_likely)}."
-        first = float(np.prod([claim.probabilities[0] for claim in claims]))
-        figures["probability"] = first
-        figures["as_likely"] = [{"kind": x.kind, **x.figures} for x in of_rivals]
+        probability = float(np.prod([claim.probabilities[0] for claim in claims]))
+        numbers["as_likely"] = [{"kind": x.kind, **x.figures} for x in of_rivals]
     is_repaired = bool(fault.apply) and is_known
 
     issue = Issue(
@@ -198,7 +196,11 @@ def _of_fault(
         remedy=fault.remedy if is_known else f"say the size; about: {fault.remedy}",
         changes=() if is_known else _asked(fault),
         repair=keep_only(log, net, [fault]).apply if is_repaired else None,
-        figures=figures,
+        joints=tuple(j + 1 for j in fault.joints),
+        at=fault.at,
+        log_odds=float(sum(claim.log_odds for claim in claims)),
+        probability=probability,
+        numbers=numbers,
         gravity=fault.gravity,
         position_unit=fault.position_unit,
         of_positions=fault.of_positions,
@@ -381,6 +383,6 @@ def issue_of_span(log: Likelihood, claim: Claim, begin: float, end: float) -> Is
         " push) explains what all joints together leave there.",
         remedy=f"exclude {begin:.3g} to {end:.3g} s",
         repair=partial(without_moment, at=middle, width=width),
-        t=middle,
-        span=[begin, end],
+        at=middle,
+        span=(begin, end),
     )

@@ -42,7 +42,7 @@ class Left(IntEnum):
 class Issue(WritesJson):
     """One thing that the check has to say of a run, as a sentence and as figures."""
 
-    derived = ("can_fix", "remedies")
+    derived = ("can_fix", "figures", "remedies")
 
     #: What is wrong, in two or three words.
     kind: str
@@ -70,8 +70,26 @@ class Issue(WritesJson):
     repair: Callable[[Measurements], Measurements] | None = field(
         default=None, metadata=NOT_STORED
     )
-    #: The numbers behind the issue.
-    figures: Mapping[str, Any] = field(default_factory=dict)
+    #: Joints that it is about, from 1; () for an issue about no joint.
+    joints: tuple[int, ...] = field(default=(), metadata=NOT_STORED)
+    #: Instant of what happens in the run [s].
+    at: float | None = field(default=None, metadata=NOT_STORED)
+    #: Begin and end of what acts for a part of the time [s].
+    span: tuple[float, float] | None = field(default=None, metadata=NOT_STORED)
+    #: Name of the one run, or the part of it, that differs from the others.
+    run: str | None = field(default=None, metadata=NOT_STORED)
+    #: How large that difference is, in its own unit.
+    size: float | None = field(default=None, metadata=NOT_STORED)
+    #: Share of the rows that its repair loses, where that is most of them [-].
+    lost_share: float | None = field(default=None, metadata=NOT_STORED)
+    #: Logarithm of the odds that the log is so; None for what no race has judged.
+    log_odds: float | None = field(default=None, metadata=NOT_STORED)
+    #: How probable it is where it or one of ``rivals`` is so.
+    probability: float | None = field(default=None, metadata=NOT_STORED)
+    #: Effects of the arm that explain the same torques, in words.
+    rival_effects: tuple[str, ...] = field(default=(), metadata=NOT_STORED)
+    #: Further numbers behind the issue, by name, for JSON.
+    numbers: Mapping[str, Any] = field(default_factory=dict, metadata=NOT_STORED)
     #: Gravity that the torques show instead [m/s^2], for an issue about it.
     gravity: tuple[float, ...] | None = None
     #: FACT, which is read from the file, or EXPLANATION, which a model of the arm
@@ -110,6 +128,22 @@ class Issue(WritesJson):
             raise ValueError(f"{self.kind}: an explanation is never an error")
 
     @property
+    def figures(self) -> dict[str, Any]:
+        """The numbers behind the issue by name, for JSON."""
+        known = {
+            "t": self.at,
+            "span": self.span,
+            "run": self.run,
+            "size": self.size,
+            "lost_share": self.lost_share,
+            "log_odds": self.log_odds,
+            "probability": self.probability,
+            "rival_effects": self.rival_effects or None,
+        }
+        stated = {name: value for name, value in known.items() if value is not None}
+        return {"joints": [*self.joints], **stated, **self.numbers}
+
+    @property
     def can_fix(self) -> bool:
         """Whether `check --fix` repairs the issue by itself: it is a fact whose repair is
         safe. So is one of single rows and stamps: a wrong one loses a tenth of the rows at
@@ -121,7 +155,7 @@ class Issue(WritesJson):
     @property
     def offers_fix(self) -> bool:
         """Whether `check --fix` is offered: it repairs the issue, and most rows are left."""
-        return self.can_fix and "lost_share" not in self.figures
+        return self.can_fix and self.lost_share is None
 
     @property
     def is_stood_on(self) -> bool:
@@ -134,7 +168,7 @@ class Issue(WritesJson):
     def stays_in_rows(self) -> bool:
         """Whether one run differs from the others by it, and no change of the log undoes
         that."""
-        return "run" in self.figures and self.repair is None
+        return self.run is not None and self.repair is None
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
@@ -150,10 +184,8 @@ class Issue(WritesJson):
             changes.append(Change("transform", self.remedy, {"apply": named}))
         changes += self.changes
         grade, why = self.certainty.grade, self.certainty.why
-        is_rivalled = "rival_effects" in self.figures
-        probability = self.figures.get("probability")
         own = [
-            Remedy(self.what, grade, why, change, probability=probability)
+            Remedy(self.what, grade, why, change, probability=self.probability)
             for change in changes
         ]
         sets = [own, *(rival.remedies for rival in self.rivals)]
@@ -165,7 +197,7 @@ class Issue(WritesJson):
                 rivals=tuple(
                     y.change for others in sets if others is not one for y in others
                 ),
-                may_be_the_arm=is_rivalled,
+                may_be_the_arm=bool(self.rival_effects),
             )
             for one in sets
             for x in one
@@ -196,7 +228,13 @@ def make_issue(
     of_positions: PositionError | None = None,
     is_torque_unit: bool = False,
     explains_joints: bool = False,
-    **figures: Any,
+    at: float | None = None,
+    span: tuple[float, float] | None = None,
+    run: str | None = None,
+    size: float | None = None,
+    log_odds: float | None = None,
+    probability: float | None = None,
+    **numbers: Any,
 ) -> Issue:
     """Make an issue, mostly about some joints.
 
@@ -214,7 +252,7 @@ def make_issue(
         The place; default: the joints in words.
     position_unit, is_gain, is_another_arm, heading, in_doubt, of_positions
         As the attributes.
-    is_torque_unit, explains_joints
+    is_torque_unit, explains_joints, at, span, run, size, log_odds, probability
         As the attributes.
     cause : str
         What most likely made it so: it is said apart, and is likely at most.
@@ -222,10 +260,9 @@ def make_issue(
     Returns
     -------
     Issue
-        With the joints, from 1, among the figures.
+        With what is named beside these among its numbers.
     """
     where = where or joints_text(joints)
-    numbers = {} if joints is None else {"joints": [int(j) + 1 for j in joints]}
     if cause:
         what = f"{what} Likely cause: {cause}."
     if not needs_action:
@@ -240,7 +277,14 @@ def make_issue(
         remedy=remedy,
         needs_action=needs_action,
         repair=repair,
-        figures={**numbers, **figures},
+        joints=() if joints is None else tuple(int(j) + 1 for j in joints),
+        at=at,
+        span=span,
+        run=run,
+        size=size,
+        log_odds=log_odds,
+        probability=probability,
+        numbers=numbers,
         nature=nature,
         left=left,
         position_unit=position_unit,
@@ -330,7 +374,7 @@ def with_rival_effects(issue: Issue, effects: Sequence[str]) -> Issue:
         what=f"{issue.what} It may be instead: {'; '.join(effects)}.",
         certainty=RIVAL_EFFECT,
         equivalents=(*issue.equivalents, *effects),
-        figures={**issue.figures, "rival_effects": [*effects]},
+        rival_effects=tuple(effects),
     )
 
 

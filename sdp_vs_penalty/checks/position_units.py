@@ -50,7 +50,7 @@ def units_as_facts(
         elif has_gears:
             new_issues.append(_of_motors(issue))
         else:
-            is_of_rails = {*issue.figures.get("joints", [0])} <= {*rails}
+            is_of_rails = bool(issue.joints) and {*issue.joints} <= {*rails}
             new_issues.append(_as_fact(issue, is_impossible, percent, is_of_rails))
     return new_issues
 
@@ -96,7 +96,7 @@ def _as_fact(
         return replace(fact, certainty=possible(f"{why}; other units explain as much"))
     if percent is None:
         # What the ranges tell of its odds is one witness, and the torques the other.
-        of_torques = issue.figures["log_odds"] - MAX_PHYSICS_LOG_ODDS
+        of_torques = (issue.log_odds or 0.0) - MAX_PHYSICS_LOG_ODDS
         is_clear = of_torques > LOG_ODDS_OF_A_CLAIM
         second = "the torques confirm it" if is_clear else ""
         return replace(fact, certainty=told_by(why, second))

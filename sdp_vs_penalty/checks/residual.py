@@ -205,8 +205,8 @@ def _event(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             remedy=f"exclude {EVENT_WIDTH:g} s around it",
             repair=partial(without_moment, at=at),
             where=f"t = {at:.3g} s, {joints_text([j])}",
-            t=at,
-            span=[at - 0.5 * EVENT_WIDTH, at + 0.5 * EVENT_WIDTH],
+            at=at,
+            span=(at - 0.5 * EVENT_WIDTH, at + 0.5 * EVENT_WIDTH),
         )
         return
 

@@ -382,9 +382,9 @@ def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...
     """Return the issues of a run of n joints. If the torques of more than _SINGLE_JOINTS of
     the joints are all larger, or all smaller, than in the other runs, their issues become
     one: this run has another unit."""
-    gains = [issue for issue in issues if issue.is_gain and "size" in issue.figures]
-    sizes = [issue.figures["size"] for issue in gains]
-    joints = sorted(j - 1 for issue in gains for j in issue.figures["joints"])
+    gains = [issue for issue in issues if issue.is_gain and issue.size is not None]
+    sizes = [issue.size for issue in gains if issue.size is not None]
+    joints = sorted(j - 1 for issue in gains for j in issue.joints)
     if len(joints) <= _SINGLE_JOINTS * n or len({size > 0.0 for size in sizes}) > 1:
         return tuple(issues)
     times = sorted(max(1.0 + size, 1.0 / (1.0 + size)) for size in sizes)

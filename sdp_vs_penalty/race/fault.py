@@ -80,7 +80,7 @@ class Fault:
     kind: str
     #: Joints that have the fault, from 0.
     joints: tuple[int, ...]
-    #: What is wrong, in one sentence; "{t:.4g}" stands for the instant figures["t"] [s].
+    #: What is wrong, in one sentence; "{t:.4g}" stands for the instant ``at``.
     what: str
     #: What to do, in one sentence.
     remedy: str
@@ -108,6 +108,8 @@ class Fault:
     in_doubt: str = ""
     #: Gravity that the torques show instead [m/s^2], for a fault about it.
     gravity: tuple[float, ...] | None = None
+    #: Instant from which it acts [s]; None for one of all rows.
+    at: float | None = None
     #: Numbers behind the fault, for JSON.
     figures: Mapping[str, Any] = field(default_factory=dict)
 
@@ -119,7 +121,7 @@ class Fault:
     @property
     def sentence(self) -> str:
         """What is wrong, by the clock of all runs together."""
-        return self.what.format(**self.figures)
+        return self.what.format(t=self.at)
 
     @property
     def apply(self) -> str:

@@ -332,10 +332,15 @@ def test_spans_that_the_check_calls_likely_are_left_out(grade, n_left_out):
         remedy="",
         where="t = 4 s",
         certainty=Certainty(grade, ""),
-        span=[3.0, 5.0],
+        span=(3.0, 5.0),
     )
     elsewhere = make_explanation(
-        "torque step", "a step", remedy="", where="t = 9 s", certainty=likely(""), t=9.0
+        "torque step",
+        "a step",
+        remedy="",
+        where="t = 9 s",
+        certainty=likely(""),
+        at=9.0,
     )
     spans = _spans_named({run.data_hash: [issue, elsewhere]}, run)
     assert spans == (Span("", 3.0, 5.0),) * n_left_out

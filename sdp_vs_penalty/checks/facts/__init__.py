@@ -110,7 +110,6 @@ def mended(
                 if issue.severity == "error" and lost > MOST_LOST:
                     share = formatting.percent(lost, 2)
                     remedy = f"{issue.remedy}, but {share} of the rows: log it again"
-                    figures = {**issue.figures, "lost_share": lost}
-                    issue = replace(issue, remedy=remedy, figures=figures)
+                    issue = replace(issue, remedy=remedy, lost_share=lost)
             issues.append(issue)
     return issues, glance

@@ -191,5 +191,6 @@ def _step(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         remedy="cut the run there, or find out what touched the arm",
         without=repair.without_event(event),
         place=f"{name}, t = {{t:.4g}} s",
-        figures={"size": size, "t": event.at},
+        figures={"size": size},
+        at=event.at,
     )
