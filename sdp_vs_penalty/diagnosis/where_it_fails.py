@@ -844,8 +844,8 @@ def _causes_of_rows(
     """Name for each of M rows the cause that is seen there.
 
     It is the joint's likeliest cause, if that explains CHANGES (5 %) of the error, else
-    UNNAMED. Rows of high speed or standstill have that name instead if it explains
-    more. Without a likely cause, rows near a velocity reversal are named after it.
+    UNNAMED. Rows at standstill have that name, and so have rows of high speed if it
+    explains more. Without a likely cause, rows near a velocity reversal are named after it.
 
     Parameters
     ----------
@@ -870,6 +870,7 @@ def _causes_of_rows(
         rows_of_cause[REVERSAL] = np.abs(seconds) <= NEAR
     # Later causes overwrite earlier ones where both are seen.
     for name, its_rows in rows_of_cause.items():
-        if not is_known or shares.likelihood.get(name, 0.0) > share_of_best:
+        explains_more = shares.likelihood.get(name, 0.0) > share_of_best
+        if name == STANDSTILL or not is_known or explains_more:
             names[its_rows] = name
     return names

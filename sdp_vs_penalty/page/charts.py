@@ -124,7 +124,7 @@ def data_chart(
     )
     for row, title in enumerate(titles[: len(shown)]):
         plot.update_axes("y", row, title=title)
-    plot.update_axes("x", len(shown) - 1, title="time of the log [s]")
+    plot.update_axes("x", len(shown) - 1, title="time [s]")
     return ready(plot, 460)
 
 
@@ -169,13 +169,14 @@ def missing_chart(
 
     The rows are left out for a curve over temperature, which recordings do not hold.
     """
-    motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
+    t = read["t"] + read["begin"]  # the curve's clock is the log's
+    motion = Motion(t, read["q"], read["dq"], read["ddq"], read["modelled"])
     warm = any(v.startswith("temp") for v in curve.of)  # a recording holds none
     return ready(charts.missing_figure(curve, units, [] if warm else [motion]), 260)
 
 
 def failing_stretches(
-    model: ModelStep, run: str, j: int, drawn: tuple[float, float]
+    model: ModelStep, run: str, j: int, read: Mapping[str, Any]
 ) -> list[tuple[float, float, str]]:
     """List the stretches of a run in which a joint's error is large, as far as a curve is
     drawn there: none is at standstill.
@@ -188,23 +189,28 @@ def failing_stretches(
         Name of the run, perhaps with the seconds of its part: "run1, 3 to 9 s".
     j : int
         Index of the joint, from 0.
-    drawn : (float, float)
-        First and last instant of the curve [s].
+    read : mapping
+        t (M,), the instants of the curve [s] on the run's clock, which is 0 at "begin" of
+        the log's.
 
     Returns
     -------
     list of (begin [s], end [s], cause)
+        On the run's clock.
     """
     if not model.failures:
         return []
     recording = run.partition(", ")[0]
-    begin, end = drawn
+    begin, end = read["t"][[0, -1]]
+    spans = [
+        (x["start"] - read["begin"], x["stop"] - read["begin"], x["cause"])
+        for x in model.failures[j]["stretches"]
+        if x["run"].partition(", ")[0] == recording
+    ]
     return [
-        (max(stretch["start"], begin), min(stretch["stop"], end), stretch["cause"])
-        for stretch in model.failures[j]["stretches"]
-        if stretch["run"].partition(", ")[0] == recording
-        and stretch["start"] < end
-        and stretch["stop"] > begin
+        (float(max(start, begin)), float(min(stop, end)), cause)
+        for start, stop, cause in spans
+        if start < end and stop > begin
     ]
 
 
@@ -273,6 +279,16 @@ def cause_chart(
     return ready(plot, height)
 
 
+def clock_in_words(run: str, read: Mapping[str, Any]) -> str:
+    """Say where the clock of a run's pictures begins on that of its log; "" where both are
+    one."""
+    begin = float(read["begin"])
+    at = f"{begin:.10g}"
+    return (
+        "" if at == "0" else f"0 s is {at} s on the clock of {run.partition(', ')[0]}."
+    )
+
+
 def rows_of_span(
     read: Mapping[str, Any], span: tuple[float, float] | None
 ) -> Mapping[str, Any]:
@@ -282,7 +298,7 @@ def rows_of_span(
     first, last = (0, 0) if span is None else np.searchsorted(t, span)
     if last - first < 2:
         return read
-    return {k: x[first:last] for k, x in read.items() if len(x) == len(t)}
+    return {k: x[first:last] for k, x in read.items() if np.shape(x)[:1] == t.shape}
 
 
 def ready(plot: Figure, height: int) -> dict[str, Any]:

@@ -42,12 +42,17 @@ def note(text: str) -> None:
     tag("p", text, "soft")
 
 
-def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
-    """Draw a button that calls ``do`` when it is clicked.
+def button(
+    text: str, do: Handler | None, key: str, style: str = "", **attributes: Any
+) -> Any:
+    """Draw a button that calls ``do`` when it is clicked; one without ``do`` leads to a
+    stage (``data_to``), and is free to be pressed while a job runs.
 
     By ``key`` the browser finds the focused element again after a redraw. A press that
     was on its way while the button was drawn anew counts (:func:`take_presses`).
     """
+    if do is None:
+        do, style = (lambda: None), f"{style} free"
     element_made = tag(
         "button", text, f"action {style}", type="button", data_key=key, **attributes
     )

@@ -341,11 +341,12 @@ def read(job: JobRequest) -> Answer:
             if columns is None:
                 refused.append(error.without_command)
                 continue
+            # The form below says what to do, unless it was filled in and refused.
+            reason = InputError(error.what, where=error.where).without_command
             if tried := _columns_tried(how.get("rename", ""), columns["columns"]):
                 columns["tried"] = columns["chosen"] = {**columns["chosen"], **tried}
-            mappings.append(
-                {**file, **columns, "reason": error.without_command, "run": ""}
-            )
+                reason = error.without_command
+            mappings.append({**file, **columns, "reason": reason, "run": ""})
     idle = [find_idle_joints(state.problem.robot, run) for run in state.runs]
     shared = {
         name: at

@@ -41,6 +41,13 @@ def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
     return is_law_of(written.name, effect) and {*joints} <= {*written.joints}
 
 
+def since(begin: float, read: dict[str, Any]) -> dict[str, Any]:
+    """Return the arrays of a run with its instants t and tf from ``begin`` on [s], which
+    stands beside them."""
+    times = {name: read[name] - begin for name in ("t", "tf") if name in read}
+    return {**read, **times, "begin": np.array(begin)}
+
+
 @dataclass
 class Models(RobotAndRuns):
     """A project whose models can be identified, diagnosed and extended."""
@@ -185,10 +192,26 @@ class Models(RobotAndRuns):
         Returns
         -------
         dict
-            t (M,) [s]; torque, modelled, q, dq, ddq (M, n); tf (F,) [s] and poses
+            t (M,) [s] from the run's first sample, and where that is on the clock of the
+            log, "begin" [s]; torque, modelled, q, dq, ddq (M, n); tf (F,) [s] and poses
             (F, joints, 4, 4): instants and poses of the arm for the 3D view.
         """
-        return self.arrays(f"{Path(model.file).stem}-{model.runs.index(run)}.npz")
+        read = self.arrays(f"{Path(model.file).stem}-{model.runs.index(run)}.npz")
+        return since(self.begin_of(run), read)
+
+    def preview(self, run: str) -> dict[str, Any]:
+        """Load the signals of a run by its name, as the check sees them, on the clock of
+        :meth:`recording`."""
+        (one,) = (x for x in self.runs if x["name"] == run)
+        return since(self.begin_of(run), self.arrays(one["view"]))
+
+    def begin_of(self, run: str) -> float:
+        """Return where a run begins on the clock of its log [s]; run : its name, perhaps
+        with the seconds of a part, "run1, 3 to 9 s". 0 of a run that is gone."""
+        name = run.partition(", ")[0]
+        views = [x["view"] for x in self.runs if x["name"] in (run, name)]
+        t = self.arrays(views[0])["t"] if views else np.zeros(1)
+        return float(t[0]) if len(t) else 0.0
 
     def arrays(self, name: str) -> dict[str, Any]:
         """Load the arrays, by name, that a job saved as an .npz file in the

@@ -42,6 +42,7 @@ const workbench = {
     rail.scrollLeft += left - (rail.clientWidth - link.offsetWidth) / 2;
   },
   key: null,
+  pressed: null, // the key of the button whose job runs
   places: {},
 };
 addEventListener("resize", () => workbench.center()); // a change of the stage is one too
@@ -49,7 +50,9 @@ addEventListener("resize", () => workbench.center()); // a change of the stage i
 const measure = () => {
   for (const box of document.querySelectorAll(".wide")) box.classList.toggle("cut", box.scrollWidth > box.clientWidth + 1);
   const [bar, rail] = [".bar", "nav.stages"].map((name) => document.querySelector(name)?.offsetHeight ?? 0);
-  document.documentElement.style.setProperty("--bar", `${innerWidth > 900 ? bar : bar + rail}px`);
+  const words = innerWidth > 640 ? 0 : Math.max(0, (document.querySelector(".now .choices")?.offsetTop ?? 0) - 6);
+  document.documentElement.style.setProperty("--hide", `${words}px`);
+  document.documentElement.style.setProperty("--bar", `${innerWidth > 900 ? bar : bar - words + rail}px`);
 };
 let due = 0;
 const measureSoon = () => (due ||= requestAnimationFrame(() => (due = 0, measure())));
@@ -91,6 +94,10 @@ document.addEventListener("click", (event) => {
   else field?.focus();
 });
 
+document.addEventListener("click", (event) => {
+  event.target.closest?.(".now-words > p")?.classList.toggle("whole"); // on a phone three lines stand there
+});
+
 let pressed = null; // a button that is drawn anew under the finger is pressed all the same
 document.addEventListener("pointerdown", (event) => (pressed = event.target.closest?.("button[data-key]")));
 document.addEventListener("pointerup", (event) => {
@@ -102,6 +109,25 @@ document.addEventListener("click", (event) => {
   if (question && !confirm(question)) event.stopImmediatePropagation();
 }, true);
 
+// While a job runs, no button starts another one, and the one that was pressed says what runs.
+const JOBS = "button.action:not(.free, .cell, [data-play]):not(.dock *)";
+const showBusy = () => {
+  const page = document.querySelector(".page");
+  const isBusy = page?.ariaBusy === "true";
+  if (!isBusy) workbench.pressed = null;
+  for (const button of document.querySelectorAll(JOBS)) {
+    const isPressed = isBusy && workbench.pressed !== null && button.dataset.key === workbench.pressed;
+    button.ariaDisabled = isBusy ? "true" : null;
+    button.classList.toggle("running", isPressed);
+    if (isPressed && page.dataset.doing) button.dataset.runs = `${page.dataset.doing} …`;
+    else delete button.dataset.runs;
+  }
+};
+document.addEventListener("click", (event) => {
+  const button = event.target.closest?.("button.action");
+  if (button?.ariaDisabled === "true") event.stopImmediatePropagation();
+  else if (button?.matches(JOBS)) workbench.pressed = button.dataset.key;
+}, true);
 document.addEventListener("click", (event) => {
   const back = event.target.closest?.("[data-key=undo], [data-key=redo]"); // seen at once, drawn anew when done
   const words = back?.querySelector(".what")?.firstChild;
@@ -157,6 +183,9 @@ addEventListener("DOMContentLoaded", () => {
   setTimeout(() => import("nicegui-plotly").catch(() => {}), 1000);
   const popup = document.querySelector("#popup"); // NiceGUI's, which has no button
   if (popup) new MutationObserver(() => lost(popup.ariaHidden === "false")).observe(popup, { attributes: true });
+  new MutationObserver(showBusy).observe(document.body, {
+    childList: true, subtree: true, attributes: true, attributeFilter: ["aria-busy", "data-doing"],
+  });
   new MutationObserver(() => {
     measureSoon();
     if (document.activeElement !== document.body || workbench.key === null) return;
@@ -208,7 +237,7 @@ class Arm {
   at(time) {
     const { t, poses, errors, groups } = this.moves;
     if (!this.frame) return;
-    const [start, end] = [t[0], t[t.length - 1]]; // on the clock of the log, as the charts
+    const [start, end] = [t[0], t[t.length - 1]]; // from the run's first sample, as the charts
     this.time = Math.min(Math.max(time, start), end);
     let k = t.findIndex((x) => x > this.time);
     if (k < 1) k = k < 0 ? t.length - 1 : 1;

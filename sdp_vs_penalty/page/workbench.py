@@ -274,10 +274,9 @@ class Workbench:
                         note(step.more)
             with tag("div", style="choices"):
                 for (key, style), choice in zip(_CHOICES, step.choices, strict=False):
-                    do = choice.do or (lambda: None)
                     opens = choice.opens or False
                     at: dict[str, Any] = {"data_to": choice.stage, "data_opens": opens}
-                    button(choice.label, do, key, style, **at)
+                    button(choice.label, choice.do, key, style, **at)
                     if choice.outcome:
                         tag("p", with_whole_amounts(choice.outcome), "outcome")
 
@@ -338,6 +337,8 @@ class Workbench:
         self._steps.set_visibility(not is_busy)
         self._main.classes(replace="page busy" if is_busy else "page")
         self._main.props["aria-busy"] = "true" if is_busy else "false"
+        # The pressed button says it (workbench.js).
+        self._main.props["data-doing"] = working.title if working else ""
         if working is not None:
             step = f": {working.status}" if working.status else ""
             self._status.text = f"{working.title}{step}"

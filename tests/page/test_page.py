@@ -78,7 +78,13 @@ def story(browser, server, files, tmp_path_factory):
             " .ytitle')?.textContent.startsWith('joint 2')"
         )
         go(page, "diagnose")
-        act(page, "diagnose", key("add-0"))
+        page.click(key("diagnose"))
+        pressed = page.locator(f"{key('diagnose')}.running[data-runs]")
+        seen["runs"] = pressed.get_attribute("data-runs")
+        seen["others"] = page.locator(key("next")).get_attribute("aria-disabled")
+        seen["barriers"] += driver.barriers(page)
+        page.wait_for_selector(key("add-0"))
+        idle(page)
         seen["barriers"] += driver.barriers(page)
         page.click(key("add-0"))
         seen["errors"] = driver.errors(page)
@@ -98,6 +104,12 @@ def story(browser, server, files, tmp_path_factory):
             idle(page)
         seen["folder"] = folder
         yield seen
+
+
+@pytest.mark.long
+def test_the_pressed_button_says_what_runs_and_no_other_starts_a_job(story):
+    assert story["runs"] == "Looking for what is missing …"
+    assert story["others"] == "true"
 
 
 @pytest.mark.long
@@ -183,7 +195,11 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
     story, browser, server
 ):
     with driver.a_context(
-        browser, viewport=driver.PHONE, color_scheme="dark", has_touch=True
+        browser,
+        viewport=driver.PHONE,
+        color_scheme="dark",
+        has_touch=True,
+        is_mobile=True,
     ) as context:
         without_stage = story["page"].url.partition("#")[0]
         page = open_page(context, server, without_stage.removeprefix(server.address))

@@ -331,7 +331,7 @@ def test_fit_is_that_of_the_models(story):
         == -band["y0"]
         == pytest.approx(1.96 * after.noise_floor[1], rel=1e-4)
     )
-    t = signals.t
+    t = signals.t - story.test.t[0]  # pictures begin where the run does
     labels = [step.label for step in story.session.history]
     modelled = dict(
         zip(labels, (before.signals.modelled, signals.modelled), strict=True)
@@ -420,7 +420,7 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
     angle = np.degrees(np.arccos(depth / np.linalg.norm(away, axis=1)))
     assert 2.0 < angle.max() <= 7.0  # of the half of 14 degrees
     run = story.test if part == "fit" else story.runs.runs()[1]
-    when = np.array(moves["t"])
+    when = np.array(moves["t"]) + run.t[0]
     q = np.column_stack([np.interp(when, run.t, x) for x in run.q.T])
     want = robot.poses(robot.tree_state(q)[0])
     np.testing.assert_allclose(poses[..., :3], want[..., :3, 3], atol=0.02)

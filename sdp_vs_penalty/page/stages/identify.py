@@ -19,6 +19,7 @@ from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.charts import (
     asked_span,
     cause_chart,
+    clock_in_words,
     error_scale,
     failing_stretches,
     ready,
@@ -181,7 +182,7 @@ def fit(view: View) -> None:
             draw.note(f"{formatting.sentence(spoken(line).rstrip('.'))}.")
             if "bounds, or" in line or "(--bounds)" in line:
                 to = {"data_to": "identify", "data_opens": "option-bounds"}
-                draw.button("Set bounds", lambda: None, f"bounds-{k}", "quiet", **to)
+                draw.button("Set bounds", None, f"bounds-{k}", "quiet", **to)
 
 
 class _Fit:
@@ -215,6 +216,7 @@ class _Fit:
             units = view.session.torque_units
             shown = joint_table({"": self.model.facts}, units)
             draw.table(shown, "Facts of each joint")
+            self.clock = draw.tag("p", "", "soft")
         if self.model.failures:
             failures = self.model.where_it_fails
             _heat(view, failures, view.session.findings_of_current)
@@ -295,14 +297,14 @@ class _Fit:
             step.label: recording["modelled"]
             for step, recording in zip(steps, recordings, strict=True)
         }
-        drawn_span = last["t"][0], last["t"][-1]
-        failing = failing_stretches(self.model, view.run, j, drawn_span)
+        failing = failing_stretches(self.model, view.run, j, last)
         run = Curves(last["t"], last["torque"], modelled)
         drawn = torque_chart(run, j, units, view.span, failing)
         self.chart.update_figure(drawn)
         causes = {cause for *_, cause in failing}
         shown = [cause for cause in pieces.SHADES if cause in causes]
         self.legend.content = pieces.legend(shown)
+        self.clock.text = clock_in_words(view.run, last)
 
 
 def _figures(model: ModelStep) -> None:
@@ -432,7 +434,7 @@ def _tables(view: View) -> None:
     )
     with draw.tag("div", style="tall"):
         draw.table(Table.from_dict(about["parameters"]), "Parameters with intervals")
-    draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
+    draw.button("Copy the table", None, "copy", data_copy="table.parameters")
 
 
 @requires_model("methods", "Compare methods", lambda s: s.answer("methods"))

@@ -17,7 +17,7 @@ from sdp_vs_penalty.estimation.verdict import grades_in_words
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
-from sdp_vs_penalty.page.charts import data_chart
+from sdp_vs_penalty.page.charts import clock_in_words, data_chart
 from sdp_vs_penalty.page.repairs import ANGLES, UNITS
 from sdp_vs_penalty.page.run_issues import asks_for_unit
 from sdp_vs_penalty.page.runs import ENDINGS
@@ -106,21 +106,26 @@ def _choose(view: View) -> None:
     """
     session = view.session
     robot = view.session.robot
-    draw.drop("Drop your robot's URDF here, and its measurements", "robot", "runs")
-    if not robot and view.projects:
-        with draw.details("Your projects", "projects", on=True):
-            _projects(view)
-    with draw.tag("div", style="row"):
-        show = partial(session.start, session.show_me)
-        draw.button("Show me", show, "show-me")
-        draw.note(
-            "The whole job on a simulated arm with something hidden, in less than a"
-            " minute. An answer looks like this:"
-        )
-        with draw.tag("div", style="card finding-card done"):
-            draw.tag("strong", f"{plain_name(HIDDEN)}, joint 7 ")
-            draw.tag("span", "confident", "badge")
-            draw.tag("p", spoken(f"Added to the model, {EXAMPLE}"), "soft")
+    with draw.tag("div", style="begin"):
+        with draw.tag("div", style="body"):
+            text = "Drop your robot's URDF here, and its measurements"
+            draw.drop(text, "robot", "runs")
+            with draw.tag("div", style="row"):
+                show = partial(session.start, session.show_me)
+                draw.button("Show me", show, "show-me")
+                draw.note(
+                    "The whole job on a simulated arm with something hidden, in less than"
+                    " a minute. An answer looks like this:"
+                )
+            with draw.tag("div", style="card finding-card done"):
+                draw.tag("strong", f"{plain_name(HIDDEN)}, joint 7 ")
+                title = f"{BADGES['confident']}."
+                draw.tag("span", "confident", "badge", title=title)
+                draw.tag("p", spoken(f"Added to the model, {EXAMPLE}"), "soft")
+        if not robot and view.projects:
+            with draw.tag("section", style="way"):
+                draw.tag("h4", "Your projects")
+                _projects(view)
     with draw.details("What Good, Usable and near-tie mean", "meanings"):
         draw.note(grades_in_words())
         draw.note("Noise: what differs in the torque where a motion is repeated.")
@@ -495,28 +500,26 @@ def check(view: View) -> None:
     session = view.session
     units = view.session.robot["units"]
     _findings(view)
-    views = {run["name"]: run["view"] for run in session.runs}
-    first = next(
-        (run["name"] for run in session.runs if run["findings"]), next(iter(views))
-    )
+    names = [run["name"] for run in session.runs]
+    first = next((run["name"] for run in session.runs if run["findings"]), names[0])
 
     mended = any(x["change"]["verb"] == "transform" for x in session.remedies)
 
     def look(run: str) -> None:
-        read = session.arrays(views[run])
+        read = session.preview(run)
         logged = session.units_as_logged(run)
         drawn.update_figure(data_chart(read, units, mended, *logged))
         move(run, read)
+        clock.text = clock_in_words(run, read)
 
-    if len(views) > 1:
+    if len(names) > 1:
         with draw.tag("div", style="pick"):
-            draw.choice(
-                "Run", [run["name"] for run in session.runs], first, look, "checked-run"
-            )
+            draw.choice("Run", names, first, look, "checked-run")
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     thick = "Thick: corrected values. "
     draw.note(f"{thick if mended else ''}Drag to look closer; Play moves the arm.")
+    clock = draw.tag("p", "", "soft")
     look(first)
 
 
@@ -544,6 +547,7 @@ def _findings(view: View) -> None:
         with draw.tag("div", style=f"finding {issue['severity']}"):
             draw.tag("strong", f"{names}: {issue['heading'] or issue['kind']}. ")
             draw.tag("span", graded(issue["what"], issue["certainty"]["grade"]))
+            draw.note(_in_pictures(session, issue, runs[0]["name"]))
             is_tried = any(session.outcome_of(x["change"]) for x in issue["remedies"])
             if not is_tried:  # a trial says more
                 draw.note(formatting.sentence(spoken(issue["certainty"]["why"])))
@@ -561,6 +565,16 @@ def _findings(view: View) -> None:
                 is_done = issue["remedies"] or not issue["needs_action"]
                 if issue["severity"] != "note" and not (is_apart or is_done):
                     _last_resort(session, issue, runs, k)
+
+
+def _in_pictures(session: Session, issue: dict[str, Any], run: str) -> str:
+    """Say where an issue is on the clock of a run's pictures; "" of one about no instant,
+    and where that clock is the log's."""
+    figures, begin = issue["figures"], session.begin_of(run)
+    instants = figures.get("span") or [figures["t"]] if "t" in figures else []
+    if not instants or not begin:
+        return ""
+    return f"In the pictures: {' to '.join(f'{t - begin:.4g}' for t in instants)} s."
 
 
 def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
@@ -596,7 +610,7 @@ def _last_resort(
         if issue["severity"] == "warning":
             draw.note("The log is taken as it is.")
         more = {"data_to": "measure", "data_opens": "drop-runs"}
-        draw.button("Choose other measurements", lambda: None, f"more-{k}", **more)
+        draw.button("Choose other measurements", None, f"more-{k}", **more)
 
 
 def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
