@@ -13,7 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
-from sdp_vs_penalty.checks.certainty import READ, stated
+from sdp_vs_penalty.checks.certainty import POSSIBLE, READ, stated
 from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
@@ -138,6 +138,7 @@ def check_runs(
         windows[k] = with_issues(windows[k], [issue])
     windows = judge_dynamics(problem, windows, races or HeldRaces())
     windows = [judge_ranges(problem, report, are_plausible) for report in windows]
+    windows = without_consequences(windows)
     if thorough:
         windows = [judge_excitation(problem, report) for report in windows]
     windows = [
@@ -152,6 +153,20 @@ def check_runs(
         reports.append(replace(report, issues=gravest_first(issues)))
         first = end
     return reports
+
+
+def without_consequences(reports: Sequence[Report]) -> list[Report]:
+    """Return the reports of one logger without explanations that nothing mends, while
+    columns are in doubt: read in a wrong unit, order or sign, they make an arm of other
+    masses, loads or friction. What remains of these is said when the columns are right.
+    """
+    of_columns = [x for r in reports for x in r.issues if x.is_of_columns]
+    if all(x.severity != "error" and x.certainty.grade == POSSIBLE for x in of_columns):
+        return [*reports]
+    return [
+        replace(report, issues=tuple(x for x in report.issues if not x.may_follow))
+        for report in reports
+    ]
 
 
 def _with_last_resort(report: Report, has_others: bool) -> list[Issue]:

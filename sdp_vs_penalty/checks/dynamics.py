@@ -163,7 +163,7 @@ class LoggerJudge:
         first = self.reports[0].repaired_all
         if first.is_unit_stated:
             gains = gains_by_size(self.common, net, first.torque_unit)
-            size = [not_in_newton_metres(first, gains)]
+            size = [not_in_newton_metres(self.problem, first, gains)]
         elif left is Left.ALL:
             # Runs that differ from the others have issues of their own: they are left out.
             parts = [claim.hypothesis.part for claim in verdict.differences()]
@@ -348,6 +348,7 @@ def _change(log: Likelihood, claim: Claim, t: float, supposed: str) -> Issue:
         heading="",
         in_doubt="",
         of_positions=None,
+        is_of_columns=False,
         where=place,
         remedy="cut the run there and use each part by itself",
         apply="",

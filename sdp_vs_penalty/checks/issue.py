@@ -102,6 +102,8 @@ class Issue(WritesJson):
     is_gain: bool = field(default=False, metadata=NOT_STORED)
     #: What of positions it says is another, beside their unit.
     of_positions: PositionError | None = field(default=None, metadata=NOT_STORED)
+    #: Whether columns hold something else than they are read as: their unit, order or sign.
+    is_of_columns: bool = field(default=False, metadata=NOT_STORED)
     #: Whether it says that torques are in another unit.
     is_torque_unit: bool = field(default=False, metadata=NOT_STORED)
     #: Whether it explains what the torques of all its joints show.
@@ -165,6 +167,13 @@ class Issue(WritesJson):
         return is_sure or self.severity == "error"
 
     @property
+    def may_follow(self) -> bool:
+        """Whether it may follow from columns that are read wrongly: a warning about the arm
+        that no change of the log, the robot or the reading mends."""
+        is_warning = self.severity == "warning" and self.nature == EXPLANATION
+        return is_warning and not self.remedies
+
+    @property
     def stays_in_rows(self) -> bool:
         """Whether one run differs from the others by it, and no change of the log undoes
         that."""
@@ -226,6 +235,7 @@ def make_issue(
     heading: str = "",
     in_doubt: str = "",
     of_positions: PositionError | None = None,
+    is_of_columns: bool = False,
     is_torque_unit: bool = False,
     explains_joints: bool = False,
     at: float | None = None,
@@ -250,7 +260,8 @@ def make_issue(
         From 0; None for an issue about no joint.
     where : str
         The place; default: the joints in words.
-    position_unit, is_gain, is_another_arm, heading, in_doubt, of_positions
+    position_unit, is_gain, is_another_arm, heading, in_doubt, of_positions,
+    is_of_columns
         As the attributes.
     is_torque_unit, explains_joints, at, span, run, size, log_odds, probability
         As the attributes.
@@ -293,6 +304,7 @@ def make_issue(
         heading=heading,
         in_doubt=in_doubt,
         of_positions=of_positions,
+        is_of_columns=is_of_columns,
         is_torque_unit=is_torque_unit,
         explains_joints=explains_joints,
         apply=apply,

@@ -131,6 +131,7 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit) -> list[Issue]:
             certainty=stated("no name says it, and the torques do not tell it"),
             remedy="say it as the printed command does",
             where="columns q",
+            is_of_columns=True,
             changes=[
                 Change("read", f"read q in {x}", {"scale": {"q": x}})
                 for x in ("rad", *names)

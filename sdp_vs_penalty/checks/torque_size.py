@@ -42,11 +42,6 @@ _TENTHS = {"kgf cm": NAMED["kgfcm"], "lbf in": NAMED["lbfin"]}
 _OF_CURRENTS = 300.0
 #: What stands for the share of effort limits where there are none.
 _NO_LIMIT = -1.0
-#: What is done where no drive gain is known.
-_BY_MASSES = (
-    "; where these are unknown, by gains that fit the robot's masses: the model's kilograms"
-    " are then no surer than those"
-)
 _CORRECT_MASSES = "if right, correct the problem's masses"
 #: The explanation that torques are in another unit.
 of_torque_unit = partial(
@@ -277,7 +272,7 @@ def _issues_of_size(
         what=f"{are}they are motor currents, or torques on the motor side of the gear. A model"
         " of them is unscaled: its ratios are right, its kilograms are not.",
         remedy="multiply each channel by its drive gain (N m per A, gear ratio included)"
-        f"{_BY_MASSES if gains else ''}; {_CORRECT_MASSES}",
+        f"{_by_masses(log.problem, gains)}; {_CORRECT_MASSES}",
         changes=(*by_unit, *gains),
         certainty=_BY_SIZE,
     )
@@ -301,25 +296,47 @@ def gains_by_size(
         return ()
     gains = np.empty(log.n)
     gains[list(repair.tau_order)] = size * np.abs(repair.torque_factors)
-    texts = [f"{gain:.3g}" for gain in gains]
-    is_slide = [joint.kind == "prismatic" for joint in problem.robot.joints]
-    units = ["N" if slides else "N m" for slides in is_slide]
-    per = f"{' or '.join(dict.fromkeys(units))} per {unit}"
-    by = _gains_in_words(gains, per)
-    words = f"multiply tau by about {by}, to fit the robot's masses"
-    arguments = {"scale": {"tau": ":".join(texts)}, "by_size": True}
+    factors = ":".join(f"{gain:.3g}" for gain in gains)
+    words = "multiply tau by gains that fit the robot's masses"
+    arguments = {"scale": {"tau": factors}, "by_size": True}
     return (Change("read", words, arguments),)
 
 
-def _gains_in_words(gains: Array, per: str) -> str:
-    """Say gains (n,), which are no surer than the masses, with two digits: "9.5 N m per A
-    (joint 2: 12)"; ``per`` is their unit."""
+def _by_masses(problem: Problem, changes: Sequence[Change], unit: str = "A") -> str:
+    """Say what is done where no drive gain is known: what the changes of
+    :func:`gains_by_size` multiply torques in ``unit`` by; "" where there are none."""
+    if not changes:
+        return ""
+    factors = changes[0].arguments["scale"]["tau"].split(":")
+    is_slide = [joint.kind == "prismatic" for joint in problem.robot.joints]
+    units = ["N" if slides else "N m" for slides in is_slide]
+    per = f"{' or '.join(dict.fromkeys(units))} per {unit}"
+    return (
+        "; where these are unknown, by gains that fit the robot's masses, about"
+        f" {_gains_in_words([*map(float, factors)], per)}: the model's kilograms are then"
+        " no surer than those"
+    )
+
+
+def _gains_in_words(gains: Sequence[float], per: str) -> str:
+    """Say gains (n,), which are no surer than the masses, with two digits, and what they
+    share; ``per`` is their unit.
+
+    >>> _gains_in_words([9.51, 11.6, 9.51], "N m per A")
+    "9.5 N m per A, one for all joints but joint 2 (12, by the torques' ratio)"
+    """
     texts = [f"{gain:.2g}" for gain in gains]
     ((usual, count),) = Counter(texts).most_common(1)
     if count == 1:
-        return f"{formatting.words(texts)} {per}"
-    others = [f"joint {j}: {x}" for j, x in enumerate(texts, 1) if x != usual]
-    return f"{usual} {per}" + f" ({', '.join(others)})" * bool(others)
+        by_ratio = ", each by the torques' ratios" if len(texts) > 1 else ""
+        return f"{formatting.words(texts)} {per}{by_ratio}"
+    others = [(j, x) for j, x in enumerate(texts, 1) if x != usual]
+    if not others:
+        return f"{usual} {per}, one for all joints"
+    joints = formatting.joints([j for j, _ in others])
+    sizes = formatting.words([x for _, x in others])
+    ratio = "ratio" if len(others) == 1 else "ratios"
+    return f"{usual} {per}, one for all joints but {joints} ({sizes}, by the torques' {ratio})"
 
 
 def gains_are_by_size() -> Issue:
@@ -358,7 +375,9 @@ def _small_units(size: _Size) -> list[str]:
     ]
 
 
-def not_in_newton_metres(run: Measurements, gains: Sequence[Change]) -> Issue:
+def not_in_newton_metres(
+    problem: Problem, run: Measurements, gains: Sequence[Change]
+) -> Issue:
     """Return the warning that torques are in the unit that their columns say, "A" or
     "%", and that only the user knows how many N m it is; ``gains`` : :func:`gains_by_size`."""
     unit, said, sure = run.torque_unit, "as their columns say", READ
@@ -372,7 +391,7 @@ def not_in_newton_metres(run: Measurements, gains: Sequence[Change]) -> Issue:
         " kilograms are not.",
         certainty=sure,
         remedy=f"multiply each channel by its N m per {unit}, gear ratio included"
-        f"{_BY_MASSES if gains else ''}",
+        f"{_by_masses(problem, gains, unit)}",
         where="all torque channels",
         changes=(*_scales(["tau"]), *gains),
     )

@@ -342,7 +342,7 @@ def read(job: JobRequest) -> Answer:
                 refused.append(error.without_command)
                 continue
             # The form below says what to do, unless it was filled in and refused.
-            reason = InputError(error.what, where=error.where).without_command
+            reason = formatting.sentence(f"{error.where or name}: {error.what}")
             if tried := _columns_tried(how.get("rename", ""), columns["columns"]):
                 columns["tried"] = columns["chosen"] = {**columns["chosen"], **tried}
                 reason = error.without_command

@@ -220,6 +220,16 @@ class Models(RobotAndRuns):
         with np.load(self.folder / name, allow_pickle=False) as read:
             return dict(read)
 
+    def place_in_pictures(self, issue: Mapping[str, Any], run: str) -> str:
+        """Say where an issue is on the clock of a run's pictures; "" of one about no
+        instant, and where that clock is the log's."""
+        figures, begin = issue["figures"], self.begin_of(run)
+        instants = figures.get("span") or [figures["t"]] if "t" in figures else []
+        if not instants or not begin:
+            return ""
+        texts = [f"{t - begin:.4g}" for t in instants]
+        return f"In the pictures: {' to '.join(texts)} s."
+
     async def identify_from(self, names: Collection[str]) -> None:
         """Identify the model again from the runs of these names, and test on the others."""
         uses = ["train" if run["name"] in names else "test" for run in self.runs]

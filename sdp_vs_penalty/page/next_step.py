@@ -225,6 +225,10 @@ def _of_runs(session: Session) -> NextStep:
     if not (_may_help(session, change.to_dict()) or session.meaningless):
         other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
         return replace(_as_logged(session, text), other=other, **said)
+    if change.arguments.get("by_size"):  # a guess: what a person knows comes first
+        guess = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
+        typed = replace(_settle_doubt(session), text=text, level=level)
+        return replace(typed, number=number, figure=("check", "check"), other=guess)
     is_unit = change.verb == "read" and any(map(asks_for_unit, session.runs))
     said["other"] = _name_unit(session) if is_unit else None
     return NextStep(text, label, "check", do, level=level, **said)

@@ -106,6 +106,8 @@ class Fault:
     #: What of the log it leaves in doubt, in words: a model of it is not good, whatever its
     #: error; "" where nothing.
     in_doubt: str = ""
+    #: Whether columns hold something else than they are read as: their unit, order or sign.
+    is_of_columns: bool = False
     #: Gravity that the torques show instead [m/s^2], for a fault about it.
     gravity: tuple[float, ...] | None = None
     #: Instant from which it acts [s]; None for one of all rows.

@@ -764,11 +764,14 @@ def test_a_slow_log_keeps_its_seconds(simulated):
 @pytest.mark.parametrize(
     ("gains", "said"),
     [
-        ((9.51, 11.6, 9.51), "9.5 N m per A (joint 2: 12)"),
+        (
+            (9.51, 11.6, 9.51),
+            "9.5 N m per A, one for all joints but joint 2 (12, by the torques' ratio)",
+        ),
         ((9.51,), "9.5 N m per A"),
-        ((9.5, 9.52), "9.5 N m per A"),
-        ((9.5, 11.0, 7.0), "9.5, 11 and 7 N m per A"),
+        ((9.5, 9.52), "9.5 N m per A, one for all joints"),
+        ((9.5, 11.0, 7.0), "9.5, 11 and 7 N m per A, each by the torques' ratios"),
     ],
 )
 def test_gains_by_size_are_said_as_surely_as_they_are(gains, said):
-    assert _gains_in_words(np.array(gains), "N m per A") == said
+    assert _gains_in_words(gains, "N m per A") == said

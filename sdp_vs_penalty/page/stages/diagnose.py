@@ -144,7 +144,6 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         opened = next((f for f in on_worst if f.text not in session.added), None)
     sure, others = list[partial[None]](), list[partial[None]]()
     covered = set[str]()  # drawn on the card of the one that needs it
-    titles_by_badge = dict[str, list[str]]()
     for group in diagnosis.groups_in_order_of_reading:
         k = group.place
         if group.first.text in covered:
@@ -153,8 +152,6 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
         if (pair := diagnosis.pair_of(group.first)) and pair.is_mutual:
             covered.add(pair.other.text)
             shown.add(pair.other.text)
-        if not group.first.says_open_law:  # its own card says it
-            titles_by_badge.setdefault(group.badge, []).append(group.title)
         is_open = opened is not None and opened.text in shown
         card = partial(_card, view, diagnosis, words, k, is_open)
         (sure if group.first.torque_is_certain else others).append(card)
@@ -168,10 +165,6 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     with draw.tag("ol", style="findings"):
         for card in sure:
             card()
-    for badge, titles in titles_by_badge.items():
-        if badge not in ("confident", "weak"):
-            name = f"{formatting.sentence(badge)} ({'; '.join(titles)})"
-            draw.note(f"{name}: {BADGES[badge]}.")
     if not others:
         return
     added = [f for f in diagnosis.effects if f.text in session.added]
@@ -236,6 +229,9 @@ def _card(
         gain = "" if is_added else words.brief_gain  # the chart has what it did
         with _head(title, f"card-{k}", is_open, words, gain):
             draw.tag("p", words.on_the_arm, "on-the-arm")
+            if words.badge in BADGES and not finding.says_open_law:  # the evidence does
+                meaning = f"{formatting.sentence(words.badge)}: {BADGES[words.badge]}."
+                draw.note(meaning)
             if pair is not None:
                 draw.note(_other_of_pair(diagnosis, described, pair))
             _picture(session, finding)
@@ -275,7 +271,8 @@ def _head(
         draw.tag("h4", title)
         if words is not None:
             colour = "near-tie" if words.is_worsening else words.rating
-            draw.tag("span", words.badge, f"badge {colour}")
+            meaning = BADGES.get(words.badge, "")
+            draw.tag("span", words.badge, f"badge {colour}", title=meaning)
             draw.tag("span", gain, "soft")
     return unfolded
 

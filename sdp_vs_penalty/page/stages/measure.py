@@ -547,7 +547,7 @@ def _findings(view: View) -> None:
         with draw.tag("div", style=f"finding {issue['severity']}"):
             draw.tag("strong", f"{names}: {issue['heading'] or issue['kind']}. ")
             draw.tag("span", graded(issue["what"], issue["certainty"]["grade"]))
-            draw.note(_in_pictures(session, issue, runs[0]["name"]))
+            draw.note(session.place_in_pictures(issue, runs[0]["name"]))
             is_tried = any(session.outcome_of(x["change"]) for x in issue["remedies"])
             if not is_tried:  # a trial says more
                 draw.note(formatting.sentence(spoken(issue["certainty"]["why"])))
@@ -565,16 +565,6 @@ def _findings(view: View) -> None:
                 is_done = issue["remedies"] or not issue["needs_action"]
                 if issue["severity"] != "note" and not (is_apart or is_done):
                     _last_resort(session, issue, runs, k)
-
-
-def _in_pictures(session: Session, issue: dict[str, Any], run: str) -> str:
-    """Say where an issue is on the clock of a run's pictures; "" of one about no instant,
-    and where that clock is the log's."""
-    figures, begin = issue["figures"], session.begin_of(run)
-    instants = figures.get("span") or [figures["t"]] if "t" in figures else []
-    if not instants or not begin:
-        return ""
-    return f"In the pictures: {' to '.join(f'{t - begin:.4g}' for t in instants)} s."
 
 
 def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
@@ -651,9 +641,9 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
     (channel,) = scale
     is_torque = group_of(channel) == "tau"
     gains = session.published_gains if is_torque else []
-    n = session.robot["n"]
+    examples = _gains_offered(session) or ["10"] * session.robot["n"]
     if place := channel.removeprefix(group_of(channel)):  # of one joint
-        gains, n = ["", *gains][int(place) :][:1], 1
+        gains, examples = (["", *x][int(place) :][:1] for x in (gains, examples))
     chosen = {"unit": "", "gains": ", ".join(gains)}
 
     def put(what: str, text: str) -> None:
@@ -666,10 +656,18 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
     options = [("", f"{by}s"), *(UNITS if is_torque else ANGLES).items()]
     with draw.tag("div", style="fields"):
         draw.choice("Read it by", options, "", partial(put, "unit"), f"{key}-unit")
-        label = f"{formatting.count(n, by)} [{unit}], in order"
-        example = f"e.g. {', '.join(['11.5'] * n)}"
+        label = f"{formatting.count(len(examples), by)} [{unit}], in order"
+        example = f"e.g. {', '.join(examples)}"
         put_gains = partial(put, "gains")
         draw.text_field(label, chosen["gains"], put_gains, f"{key}-gains", example)
+
+
+def _gains_offered(session: Session) -> list[str]:
+    """Return the drive gains of all joints that fit the robot's masses, with two digits;
+    none where Check offers none."""
+    changes = [x["change"]["arguments"] for x in session.remedies]
+    by_size = [x["scale"]["tau"].split(":") for x in changes if x.get("by_size")]
+    return [f"{float(gain):.2g}" for gain in by_size[0]] if by_size else []
 
 
 def _checked(session: Session) -> StageVerdict:

@@ -63,6 +63,7 @@ def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
         yield Fault(
             kind=kind,
             in_doubt=kind,
+            is_of_columns=True,
             joints=changed,
             what=f"{words} of {joints_text(changed)} are swapped{assignment}.",
             remedy=f"rename the columns of {columns}",

@@ -341,6 +341,7 @@ def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
             place=lengths,
             repaired_by=unit.repaired_by,
             position_unit=unit.unit,
+            is_of_columns=True,
         )
     unit, numbers = undone_unit(log, transform)
     joints = tuple(numbers)
@@ -366,4 +367,5 @@ def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
         place=channels,
         repaired_by=of_fault.repaired_by,
         position_unit=of_fault.unit,
+        is_of_columns=True,
     )

@@ -94,6 +94,7 @@ def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
         yield Fault(
             kind="position sign",
             in_doubt="position sign",
+            is_of_columns=True,
             joints=(j,),
             what=f"the position of joint {j + 1} has the wrong sign.",
             remedy=f"flip the sign of q{j + 1} (and dq{j + 1})",
@@ -106,6 +107,7 @@ def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
         yield Fault(
             kind="joint sign",
             in_doubt="joint sign",
+            is_of_columns=True,
             joints=joints,
             what=f"{joints_text(joints)} {count} the other way, position and torque alike.",
             remedy=f"flip the signs of {formatting.words(channels)}",
@@ -117,6 +119,7 @@ def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
         yield Fault(
             kind="torque sign",
             in_doubt="torque sign",
+            is_of_columns=True,
             joints=joints,
             what=f"the torque of {where} has the wrong sign.",
             remedy=f"flip the sign of {', '.join(f'tau{j + 1}' for j in joints)}",
