@@ -207,6 +207,20 @@ def test_a_load_is_named_in_the_run_that_carries_it(two_link, runs, order, mass,
     assert not explanations(empty_report)
 
 
+def test_while_columns_are_in_doubt_what_nothing_mends_waits(two_link, runs):
+    """Degrees in one run and a turned sign: a load, frictions and masses may follow from
+    them. The load that is there is said once the columns are right."""
+    both = scaled(with_load(two_link, runs[0], 6.0), 2, -1.0), scaled(runs[1], 2, -1.0)
+    kinds = lambda reports: {x.kind for r in reports for x in explanations(r)}  # noqa: E731
+    in_degrees = replace(both[1], q=np.degrees(both[1].q))
+    for pair in (both, (both[0], in_degrees)):
+        reports = judged(two_link, *pair)
+        assert "torque sign" in kinds(reports)
+        assert all(x.remedies for r in reports for x in explanations(r))
+    mended = (scaled(run, 2, -1.0) for run in both)
+    assert kinds(judged(two_link, *mended)) == {"another load"}
+
+
 @pytest.mark.long
 def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
     two_link, three_runs

@@ -1776,18 +1776,22 @@ def in_amperes(here, tmp_path):
 
 
 def test_currents_become_torques_by_one_click(in_amperes):
-    """By gains that fit the robot's masses, which the terminal and Check offer too."""
+    """By gains that fit the robot's masses, which the terminal and Check offer too; what a
+    person knows of the drives comes first."""
     session, gains = in_amperes
     screen = Screen(session)
-    assert "Multiply the torque by" in screen.text("next")
-    assert "to fit the robot's masses" in screen.text("next")
-    assert "Or say the unit, or the drive gains" in screen.text("next")
-    screen.click("next")
+    assert "Say the unit, or the drive gains" in screen.text("next")
+    guess = "multiply the torque by gains that fit the robot's masses"
+    assert f"Or {guess}" in screen.text("next")
+    assert "9 N m per A, one for all joints but joint 3 (7," in screen.text("check")
+    gains_field = next(k for k in screen.keys if k.endswith("-gains"))
+    assert screen.at(gains_field).props["placeholder"] == "e.g. 9, 9, 7"
+    screen.click("next-other")
     (change,) = (change for _, _, change in session.repairs)
     taken = [float(x) for x in change["arguments"]["scale"]["tau"].split(":")]
     np.testing.assert_allclose(taken, gains, rtol=0.05)
     assert not session.is_unit_open
-    assert "to fit the robot's masses" in session.repairs[-1][0]
+    assert "gains that fit the robot's masses" in session.repairs[-1][0]
 
 
 @pytest.mark.long
@@ -1796,7 +1800,7 @@ def test_a_model_within_its_noise_whose_unit_is_in_doubt_asks_for_the_unit(in_am
     the noise, and asked for a motion to record without end."""
     session, _ = in_amperes
     screen = Screen(session)
-    screen.click("next")
+    screen.click("next-other")
     do(session, session.identify)
     do(session, session.diagnose)
     while session.current.verdict.is_something_missing:
@@ -1815,7 +1819,7 @@ def test_gains_by_size_are_doubted_until_they_are_typed(in_amperes):
     screen = Screen(session)
     doubt = "N m are no surer than the masses of the robot file (the gains are judged by size)"
     assert doubt not in screen.text("check")
-    screen.click("next")
+    screen.click("next-other")
     assert (checked(session).level, next_step(screen.view).level) == (
         "usable",
         "usable",
