@@ -18,6 +18,7 @@ from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.estimation.estimate import estimate_of_file, load_estimate
 from sdp_vs_penalty.estimation.verdict import doubt_of_log
 from sdp_vs_penalty.records import JsonRecord
+from sdp_vs_penalty.results import Certainty, StoredIssue
 
 finite = st.floats(-1e6, 1e6)
 
@@ -143,39 +144,40 @@ OLD = Path(__file__).parent / "data" / "written_by_0_1"
 
 def test_an_issue_that_0_1_wrote_is_as_todays():
     """Its certainty was a text, and kind and remedy alone said what has fields today."""
-    written = json.loads((OLD / "model.json").read_text())
     issue = {
         "kind": "positions in mm",
         "severity": "note",
+        "where": "joint 1",
+        "what": "it reaches 300.",
         "certainty": "likely: seen: twice",
         "remedy": "no action needed: that is the torque",
     }
+    written = json.loads((OLD / "model.json").read_text())
     written["provenance"]["checks"] = {"hash": [issue]}
-    (read,) = estimate_of_file(written).provenance["checks"]["hash"]
-    certainty = {"grade": "likely", "why": "seen: twice"}
-    fields = {"needs_action": False, "position_unit": "mm", "is_another_arm": False}
-    words = {"heading": "", "in_doubt": ""}
-    assert read == {**issue, **fields, **words, "certainty": certainty}
-    written["provenance"]["checks"] = {"hash": [read]}
-    assert estimate_of_file(written).provenance["checks"]["hash"] == [read]
+    (read,) = estimate_of_file(written).issues_by_run["hash"]
+    assert read.certainty == Certainty("likely", "seen: twice")
+    assert (read.position_unit, read.needs_action, read.title) == (
+        "mm",
+        False,
+        "positions in mm",
+    )
+    assert not read.is_another_arm
+    assert StoredIssue.from_dict(read.to_dict()) == read
 
 
 def test_what_the_verdict_of_an_older_file_says_to_be_in_doubt_stays():
     """Its issues do not say it themselves; a note leaves nothing in doubt."""
     written = json.loads((OLD / "model.json").read_text())
     kinds = {"torque sign": "warning", "idle joints": "note"}
-    issues = [
-        {"kind": kind, "severity": severity, "certainty": "likely: seen", "remedy": ""}
-        for kind, severity in kinds.items()
-    ]
+    words = {"where": "", "what": "", "certainty": "likely: seen", "remedy": ""}
+    issues = [{"kind": k, "severity": x, **words} for k, x in kinds.items()]
     text = "In doubt: torque sign; `check` says what to do."
     verdict = written["provenance"]["verdict"]
     verdict["lines"].append({"about": "the log", "grade": "usable", "text": text})
     written["provenance"]["checks"] = {"hash": issues}
-    read = estimate_of_file(written).provenance["checks"]
-    assert doubt_of_log(read) == text
+    assert doubt_of_log(estimate_of_file(written).issues_by_run) == text
     verdict["lines"].pop()
-    assert doubt_of_log(estimate_of_file(written).provenance["checks"]) == ""
+    assert doubt_of_log(estimate_of_file(written).issues_by_run) == ""
 
 
 @pytest.mark.parametrize(

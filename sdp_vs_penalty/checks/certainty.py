@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
-from sdp_vs_penalty.records import WritesJson
-from sdp_vs_penalty.results.remedy import Grade
+from sdp_vs_penalty.results.issue import Certainty
 
 CERTAIN: Final = "certain"
 LIKELY: Final = "likely"
 POSSIBLE: Final = "possible"
-
-
-@dataclass(frozen=True)
-class Certainty(WritesJson):
-    """How sure an issue is, and why; in a sentence "certain: read from the file"."""
-
-    #: Grade: CERTAIN, LIKELY or POSSIBLE.
-    grade: Grade
-    #: Why, in words.
-    why: str
-
-    def __str__(self) -> str:
-        """Grade and reason in one sentence."""
-        return f"{self.grade}: {self.why}"
 
 
 def stated(why: str) -> Certainty:

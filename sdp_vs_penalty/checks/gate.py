@@ -182,7 +182,7 @@ def needs_check(estimate: Estimate, measurements: Measurements) -> bool:
     if consented(estimate, measurements):
         return False
     provenance = estimate.provenance
-    issues_by_run = provenance.get("checks", {})
+    issues_by_run = estimate.issues_by_run
     is_of_this_version = provenance["versions"].get("sdp_vs_penalty") == __version__
     # Runs are judged together: the result holds for exactly these.
     is_of_these_runs = provenance["data_hash"] == measurements.data_hash and all(
@@ -191,7 +191,7 @@ def needs_check(estimate: Estimate, measurements: Measurements) -> bool:
     if not (provenance.get("checked") and is_of_this_version and is_of_these_runs):
         return True
     return any(
-        issue["severity"] in ("error", "warning")
+        issue.severity in ("error", "warning")
         for issues in issues_by_run.values()
         for issue in issues
     )

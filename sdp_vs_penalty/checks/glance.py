@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks import constants as c
-from sdp_vs_penalty.checks.certainty import READ, Certainty
+from sdp_vs_penalty.checks.certainty import READ
 from sdp_vs_penalty.checks.issue import Issue, make_issue, rows_text
 from sdp_vs_penalty.data.measurements import MOST_LOST, Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.results.issue import Certainty
 from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun

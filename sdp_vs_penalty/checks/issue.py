@@ -11,13 +11,13 @@ from sdp_vs_penalty.checks.certainty import (
     POSSIBLE,
     READ,
     RIVAL_EFFECT,
-    Certainty,
     told_by,
 )
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import PositionError, joints_text
 from sdp_vs_penalty.records import NOT_STORED, WritesJson
+from sdp_vs_penalty.results.issue import Certainty, IssueInWords
 from sdp_vs_penalty.results.remedy import Change, Remedy
 
 #: The two natures of an issue.
@@ -39,33 +39,13 @@ class Left(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Issue(WritesJson):
+class Issue(IssueInWords, WritesJson):
     """One thing that the check has to say of a run, as a sentence and as figures."""
 
     derived = ("can_fix", "figures", "remedies")
 
-    #: What is wrong, in two or three words.
-    kind: str
-    #: The same for a screen that has room for more; "": the kind.
-    heading: str = ""
-    #: What of the log it leaves in doubt, in words: a model of it is not good, whatever its
-    #: error; "" where nothing.
-    in_doubt: str = ""
-    #: "error" (identification would be meaningless), "warning" (it would be worse than
-    #: it need be) or "note" (a fact worth knowing).
-    severity: str = "warning"
-    #: Where it is: joints, channels, rows or instants, in words.
-    where: str
-    #: What is wrong, in one sentence.
-    what: str
     #: What most likely made it so, in words: likely at most.
     cause: str = ""
-    #: How sure it is, "certain", "likely" or "possible", and why.
-    certainty: Certainty = READ
-    #: What to do, in one sentence.
-    remedy: str
-    #: Whether a person has to do it: some facts are reckoned with already.
-    needs_action: bool = True
     #: How a run is repaired, where that is safe; ``remedy`` says it in words.
     repair: Callable[[Measurements], Measurements] | None = field(
         default=None, metadata=NOT_STORED
@@ -95,9 +75,6 @@ class Issue(WritesJson):
     #: FACT, which is read from the file, or EXPLANATION, which a model of the arm
     #: gives: it competes with other explanations and is never an error.
     nature: str = FACT
-    #: Unit that it says positions are in; "" where a part of the joints has it alone;
-    #: None for an issue about no unit of positions.
-    position_unit: str | None = None
     #: Whether it says that torque channels have another factor.
     is_gain: bool = field(default=False, metadata=NOT_STORED)
     #: What of positions it says is another, beside their unit.
@@ -108,9 +85,6 @@ class Issue(WritesJson):
     is_torque_unit: bool = field(default=False, metadata=NOT_STORED)
     #: Whether it explains what the torques of all its joints show.
     explains_joints: bool = field(default=False, metadata=NOT_STORED)
-    #: Whether the arm is another one in this run (its load, its links, its friction): no
-    #: change of the log undoes that.
-    is_another_arm: bool = False
     #: What is left to be judged beside it.
     left: Left = field(default=Left.ALL, metadata=NOT_STORED)
     #: Word of `check --fix --apply` for the repair.

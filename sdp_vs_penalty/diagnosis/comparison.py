@@ -369,7 +369,7 @@ class Comparison(Record):
             forward=forward,
             remark=self.judged_on or "",
             seconds=self.signals.seconds,
-            doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
+            doubt=doubt_of_log(self.estimate.issues_by_run),
             highest=self.highest_relative_error,
             determined=(self.estimate.n_base_from_data, self.estimate.n_base),
         )

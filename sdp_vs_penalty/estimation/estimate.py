@@ -49,11 +49,11 @@ from sdp_vs_penalty.files import read_json, write_text
 from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem, ProblemFields
-from sdp_vs_penalty.records import to_json
+from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.results.facts import fact
+from sdp_vs_penalty.results.issue import StoredIssue
 from sdp_vs_penalty.results.record import Record, Summary
-from sdp_vs_penalty.results.remedy import issue_of_older_file
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, as_plain_array, check_finite, wrong_shape
 from sdp_vs_penalty.robot.robot import Robot
@@ -530,6 +530,12 @@ class Estimate(Record):
         return dataclasses.replace(
             self, problem=problem, model=model, provenance=provenance
         )
+
+    @property
+    def issues_by_run(self) -> Mapping[str, tuple[StoredIssue, ...]]:
+        """What the check found in the training runs, by the runs' hashes."""
+        checks = self.provenance.get("checks") or {}
+        return from_json(dict[str, tuple[StoredIssue, ...]], checks)
 
     @property
     def nominal(self) -> Array:
@@ -1019,11 +1025,11 @@ def estimate_of_file(data: Mapping[str, Any]) -> Estimate:
 
 
 def _provenance_of_file(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """Return where a model is from, with the issues of its runs as today's JSON."""
+    """Return where a model is from; issues of its runs say what they leave in doubt."""
     issues_by_run = provenance.get("checks") or {}
     older = {"in_doubt": doubts_in_words(provenance.get("verdict"))}
     checks = {
-        run: [issue_of_older_file(older | issue) for issue in issues]
+        run: [{**older, **issue} for issue in issues]
         for run, issues in issues_by_run.items()
     }
     return {**provenance, **({"checks": checks} if checks else {})}

@@ -21,6 +21,7 @@ from sdp_vs_penalty.estimators import ESTIMATORS
 from sdp_vs_penalty.files import require_format
 from sdp_vs_penalty.problem.problem import ProblemFields
 from sdp_vs_penalty.records import JsonRecord, from_json
+from sdp_vs_penalty.results.issue import StoredIssue
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.motion import MotionRecord
@@ -182,15 +183,6 @@ class Details(JsonRecord):
 
 
 @dataclass(frozen=True)
-class CheckedIssue:
-    """What is read again of an issue that the check found in the training runs."""
-
-    kind: str
-    severity: str
-    in_doubt: str = ""
-
-
-@dataclass(frozen=True)
 class ProvenanceFields:
     """Those entries of a provenance that the package reads again."""
 
@@ -217,7 +209,7 @@ class ProvenanceFields:
     #: Whether the runs passed the check; None if a version did not say it.
     checked: bool | None = None
     #: What the check found, by the runs' hashes.
-    checks: Mapping[str, tuple[CheckedIssue, ...]] | None = None
+    checks: Mapping[str, tuple[StoredIssue, ...]] | None = None
     #: Unit of the training runs' torques where they are none, such as "A".
     torque_unit: str = ""
 

@@ -24,6 +24,7 @@ from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.regression.regression import compress
+from sdp_vs_penalty.results.issue import IssueInWords
 from sdp_vs_penalty.robot.arrays import Array, Mask
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -320,21 +321,21 @@ def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
     )
 
 
-def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+def doubt_of_log(issues_by_run: Mapping[str, Sequence[IssueInWords]]) -> str:
     """Return a sentence on what the data check leaves in doubt of the training runs.
 
     Parameters
     ----------
-    checks : mapping of str to sequence of mapping
-        Issues as plain JSON by run, as a model keeps them.
+    issues_by_run : mapping of str to sequence of IssueInWords
+        Issues by run, as a model keeps them.
 
     Returns
     -------
     str
         The sentence; "" without doubts.
     """
-    issues = [issue for issues in checks.values() for issue in issues]
-    doubts = [issue["in_doubt"] for issue in issues if issue["severity"] != "note"]
+    issues = [issue for issues in issues_by_run.values() for issue in issues]
+    doubts = [issue.in_doubt for issue in issues if issue.severity != "note"]
     words = [*dict.fromkeys(filter(None, doubts))]
     if not words:
         return ""

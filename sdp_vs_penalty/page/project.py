@@ -19,7 +19,7 @@ from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.spoken import name_beside, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.records import from_json, to_json
-from sdp_vs_penalty.results.remedy import issue_of_older_file
+from sdp_vs_penalty.results.issue import StoredIssue
 
 #: What a step back brings back: everything that was made of the person's choices.
 KEPT = (
@@ -331,7 +331,8 @@ class ProjectState:
                 run.setdefault("in_commands", run["name"])
                 run["name"] = name_beside(run["name"], taken)
                 taken.append(run["name"])
-                run["findings"] = [issue_of_older_file(x) for x in run["findings"]]
+                issues = [StoredIssue.from_dict(x) for x in run["findings"]]
+                run["findings"] = to_json(issues)
             # An older version does not know the change, and the effect in words alone.
             none = {"verb": "", "arguments": {}}
             kept["repairs"] = [

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 from markupsafe import Markup
 
@@ -22,6 +21,7 @@ from sdp_vs_penalty.files import read_text, write_text
 from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.render.pieces import LOOK, packed
 from sdp_vs_penalty.reports.sections import SECTIONS, JudgedRun, ReportData
+from sdp_vs_penalty.results.issue import IssueInWords
 from sdp_vs_penalty.results.templates import render
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -204,16 +204,15 @@ def _unwrapped(script: str) -> str:
 
 def _checks(
     models: Mapping[str, Estimate], runs: Measurements
-) -> dict[str, list[dict[str, Any]]]:
+) -> dict[str, Sequence[IssueInWords]]:
     """Return the data check's issues for each run.
 
     A model stores the issues of the runs it was identified from, by the hash of their
     data; other runs are checked now.
     """
-    issues_by_run: dict[str, Any] = {}
+    issues_by_run = dict[str, Sequence[IssueInWords]]()
     for model in models.values():
-        known = model.provenance.get("checks")
-        issues_by_run |= known if isinstance(known, dict) else {}
+        issues_by_run |= model.issues_by_run
     fresh = [run for run in runs.runs() if run.data_hash not in issues_by_run]
     problem = list(models.values())[-1].problem
     reports_needed = []
@@ -226,9 +225,7 @@ def _checks(
         for run in runs.runs()
         if run.data_hash in issues_by_run
     }
-    return issues_found | {
-        one.run: [issue.to_dict() for issue in one.issues] for one in reports_needed
-    }
+    return issues_found | {one.run: one.issues for one in reports_needed}
 
 
 def check_name(out: Path) -> None:

@@ -34,6 +34,7 @@ from sdp_vs_penalty.ranges.band import band_of
 from sdp_vs_penalty.ranges.table import ranges_of, training_of
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.render import charts, pieces, tables, words
+from sdp_vs_penalty.results.issue import IssueInWords
 from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, Indices
@@ -127,7 +128,7 @@ class ReportData:
     #: Error analysis of the first and of the last model, by name.
     failures: Mapping[str, Failures]
     #: Result of Issue.to_dict() for each issue, by run.
-    checks: Mapping[str, Sequence[Mapping[str, Any]]]
+    checks: Mapping[str, Sequence[IssueInWords]]
     #: The last model run forward, or the sentence why it cannot be.
     forward: Following | str
     #: Commands that made this report.
@@ -599,12 +600,12 @@ def data_check(material: ReportData) -> Context:
     runs = [
         {
             "name": run,
-            "is_clean": all(issue["severity"] == "note" for issue in issues),
+            "is_clean": all(issue.severity == "note" for issue in issues),
             "issues": issues,
             "remedies": [
-                words.describe_remedy(Remedy.from_dict(remedy))
+                words.describe_remedy(remedy)
                 for issue in issues
-                for remedy in issue["remedies"]
+                for remedy in issue.remedies
             ],
         }
         for run, issues in material.checks.items()

@@ -4,6 +4,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
+    issue="Certainty StoredIssue",
     facts="Fact FactMethod columns_of fact facts_of",
     record="Record Shown Summary",
     remedy="Change Remedy",

@@ -96,25 +96,6 @@ class Remedy(JsonRecord):
     may_be_the_arm: bool = False
 
 
-def issue_of_older_file(issue: Mapping[str, Any]) -> dict[str, Any]:
-    """Bring the JSON of a check's issue to today's: an older version wrote its certainty
-    as a text, "likely: an arm leaves less", and in kind and remedy alone what today has
-    fields of its own."""
-    certainty = issue.get("certainty")
-    if isinstance(certainty, str):
-        grade, _, why = certainty.partition(": ")
-        certainty = {"grade": grade, "why": why}
-    kind, remedy = str(issue.get("kind")), str(issue.get("remedy"))
-    begin, _, unit = kind.partition("positions in ")
-    read = {
-        "needs_action": not remedy.startswith("no action needed"),
-        "position_unit": unit if unit and not begin else None,
-        "is_another_arm": kind in ("another load", "another arm", "another friction"),
-        "heading": "",
-    }
-    return {**read, **issue, "certainty": certainty}
-
-
 def one_of_rivals(remedies: Iterable[Remedy]) -> list[Remedy]:
     """List remedies that can be made together: of each set that explains as much the
     first."""

@@ -625,6 +625,17 @@ def clean_model(small):
     return identify(*small, "ols")
 
 
+#: An issue as files have it.
+WARNING = {
+    "kind": "torque sign",
+    "severity": "warning",
+    "where": "joint 1",
+    "what": "it counts the other way",
+    "certainty": {"grade": "likely", "why": "an arm leaves less"},
+    "remedy": "flip it",
+}
+
+
 @pytest.mark.parametrize(
     ("provenance", "is_asked"),
     [
@@ -632,7 +643,7 @@ def clean_model(small):
         ({"versions": {"sdp_vs_penalty": "0.0"}}, True),
         ({"checks": {}}, True),
         ({"checks": {"another run": []}}, True),
-        ({"checks": {"this run": [{"severity": "warning"}]}}, True),
+        ({"checks": {"this run": [WARNING]}}, True),
     ],
     ids=["clean", "another version", "no result", "other runs", "a warning"],
 )

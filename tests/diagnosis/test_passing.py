@@ -14,7 +14,7 @@ from point_mass_arm import MASSES, Kinematics, PointMassArm
 
 from sdp_vs_penalty import add, compare, diagnose, identify
 from sdp_vs_penalty.api.diagnosis import _spans_named
-from sdp_vs_penalty.checks.certainty import Certainty, likely
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import make_explanation
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis import Candidate, Diagnosis, conclude
@@ -28,6 +28,7 @@ from sdp_vs_penalty.diagnosis.passing.laws import PassingCandidate, point_of_for
 from sdp_vs_penalty.diagnosis.passing.spans import CellProducts, Cells, find_spans
 from sdp_vs_penalty.diagnosis.passing.trial import chance_of_groups, standing
 from sdp_vs_penalty.effects.links import Payload
+from sdp_vs_penalty.results import Certainty
 
 Array = np.ndarray
 #: Of the third link [m], and a force [N].

@@ -9,7 +9,7 @@ import pytest
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.api.diagnosis import _beside_check
-from sdp_vs_penalty.checks.certainty import Certainty, likely
+from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import make_explanation
 from sdp_vs_penalty.data import datasets
 from sdp_vs_penalty.diagnosis import (
@@ -29,6 +29,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
+from sdp_vs_penalty.results import Certainty
 from sdp_vs_penalty.signals import REPETITION
 
 

@@ -1210,13 +1210,19 @@ def test_a_project_is_there_after_the_server_has_ended(kept, hidden, tmp_path, s
     assert Path(named.current.file).parent == moved
 
 
+#: Of an issue, beside how sure it is.
+WORDS = "kind", "severity", "where", "what", "remedy"
+
+
 def test_a_project_of_an_older_version_is_brought_to_todays(kept, hidden, tmp_path):
     """It has what a repair did, and how sure an issue is, in words."""
     s = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
     words = "Error on motion left out: 0.512 % as logged, {} % repaired."
     s.remedies = [{"change": {}, "effect": words.format(0.519)}]
     s.repairs = [["flip it", words.format(0.3)]]
-    s.runs[0]["findings"] = [{"certainty": "likely: spikes"}]
+    s.runs[0]["findings"] = [
+        {"certainty": "likely: spikes", **dict.fromkeys(WORDS, "")}
+    ]
     s.save()
     again = Sessions(Here(), kept.projects).get(s.token)
     assert not again.remedies[0]["effect"]["falls"]
