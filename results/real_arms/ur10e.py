@@ -128,6 +128,7 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
         method="ols",  # of what is fitted beside the links
     )
     names = [parameter.name for parameter in links.model.parameters]
+    known = dict(zip(names, links.theta, strict=True))
     bare = identify("ur10e", run, check=False)
     as_identify = (bare.preprocessing, with_terms.links, bare.preprocessing.standstill)
     best = by_hand_weighed(with_terms, run, *as_identify)
@@ -142,7 +143,14 @@ def ways(run: Measurements, file: Path) -> Mapping[str, Estimate]:
     return {
         "maker's file: links, no friction": links,
         "maker's links, fitted friction, rotors, offsets": identify(
-            problem, run, check=False, known=dict(zip(names, links.theta, strict=True))
+            problem, run, check=False, known=known
+        ),
+        "maker's links, fitted friction, rotors, offsets, gains": identify(
+            problem,
+            run,
+            check=False,
+            known=known,
+            effects=f"rigid_body,{TERMS},torque_gain",
         ),
         "script, least squares": by_hand(with_terms, run, base_script.solve),
         "script, CVXPY, links can exist": by_hand(with_terms, run, by_cvxpy),
