@@ -24,7 +24,7 @@ from sdp_vs_penalty.diagnosis.white_rows import (
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.certificate import NOT_CERTIFIED
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.sensitivity import moved, prior_deviation
+from sdp_vs_penalty.estimation.sensitivity import prior_deviation, with_moved_constant
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -206,7 +206,7 @@ def _with_constants_stepped(
     shape = {}
     for name, step in zip(derivatives.keys, steps.tolist(), strict=True):
         present = effect.shape[name]
-        value = moved(effect, name, step * prior_deviation(effect, name)).shape[name]
+        value = with_moved_constant(effect, name, step * prior_deviation(effect, name)).shape[name]
         low, high = own.form.bounds(name) or (0.0, np.inf)
         inside = np.clip(value, max(low, 0.5 * present), min(high, 2.0 * present))
         shape[name] = float(f"{inside:.6g}")

@@ -9,6 +9,8 @@ uniformly in its own scale. With its estimate columns are computed anew: a step 
 and Newton, each a pass over the data (:func:`fit_constants_jointly`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -66,13 +68,35 @@ def prior_deviation(effect: Effect, key: str) -> float:
     return float(length / np.sqrt(12.0))
 
 
+@dataclass(frozen=True)
+class _Variation:
+    """An effect with one of its shape constants a small step h above and below its value."""
+
+    #: The effect with the constant s + h.
+    upper: Effect
+    #: The effect with the constant s - h.
+    lower: Effect
+    #: Unit of the constant's error over 2h: from a difference of columns to those of a
+    #: unit error.
+    factor: float
+
+    @classmethod
+    def by_step(cls, effect: Effect, key: str) -> _Variation:
+        """Vary a constant by DIFFERENCE on its scale; the unit is its prior deviation."""
+        return cls(
+            with_moved_constant(effect, key, DIFFERENCE),
+            with_moved_constant(effect, key, -DIFFERENCE),
+            0.5 * prior_deviation(effect, key) / DIFFERENCE,
+        )
+
+
 class ShapeSensitivity(Effect):
     """The torque of a unit error of each free shape constant of an effect with
     parameters theta (k,).
 
     The unit is the standard deviation of the prior, (range) / sqrt(12): a prior of
     these parameters is a standard normal. Columns are central differences (Y(s + h) -
-    Y(s - h)) theta / 2h. ``finer`` : effects, with their parameters, that have the
+    Y(s - h)) theta / 2h. ``dependents`` : effects, with their parameters, that have the
     constant as well, or whose signs turn over it.
     """
 
@@ -82,31 +106,29 @@ class ShapeSensitivity(Effect):
     reference = "Seber, Wild, Nonlinear Regression 1989, ch. 5"
 
     def __init__(
-        self, effect: Effect, theta: Array, finer: Sequence[tuple[Effect, Array]] = ()
+        self,
+        effect: Effect,
+        theta: Array,
+        dependents: Sequence[tuple[Effect, Array]] = (),
     ) -> None:
         """Vary each free shape constant of an effect by a small step, up and down.
 
-        theta (k,) are the effect's parameters. ``finer`` are further effects, with
-        their parameters, whose columns depend on the same constants. Columns of this
-        effect are the central differences of the torque.
+        Parameters
+        ----------
+        theta : (k,) array
+            The effect's parameters.
+        dependents : sequence of (Effect, (m,) array)
+            Further effects whose columns depend on the same constants, with their
+            parameters.
         """
         super().__init__(effect.robot)
         self.effect = effect
         self.theta = np.asarray(theta, float)
         self.keys = free_constants(effect)
-        self.finer = tuple(finer)
-        effects = (effect, *(e for e, _ in finer))
-        #: For each constant the effect a step above and below, and the unit over their
-        #: distance.
-        self.varied = [
-            (
-                moved(effect, key, DIFFERENCE),
-                moved(effect, key, -DIFFERENCE),
-                0.5 * prior_deviation(effect, key) / DIFFERENCE,
-            )
-            for key in self.keys
-        ]
-        # Of what is varied, not of the class.
+        self.dependents = tuple(dependents)
+        self.variations = [_Variation.by_step(effect, key) for key in self.keys]
+        # What the varied effects need, not what the class says.
+        effects = (effect, *(e for e, _ in dependents))
         self.has_memory = any(e.has_memory for e in effects)  # type: ignore[misc]
         self.needs_torque = any(e.needs_torque for e in effects)  # type: ignore[misc]
         self.needs_links = any(e.needs_links for e in effects)  # type: ignore[misc]
@@ -129,51 +151,50 @@ class ShapeSensitivity(Effect):
         """Return the torque of a unit error of each constant, one column (N, 1) a
         joint.
 
-        It is the central difference unit (Y(s + h) - Y(s - h)) theta, summed over the
-        effect and all effects whose columns change with the constant.
+        It is the central difference unit (Y(s + h) - Y(s - h)) theta / 2h, summed over
+        the effect and all effects whose columns change with the constant.
         """
         # Torque (N,) by joint and number of the constant.
-        columns: dict[tuple[int, int], Array] = {}
-        for k, (upper, lower, unit) in enumerate(self.varied):
-            for above_all, below_all, theta in self._pairs(motion, upper, lower):
-                for above, below in zip(above_all, below_all, strict=True):
-                    difference = unit * (above.columns - below.columns)
-                    change = difference @ theta[above.parameters]
-                    joint_and_constant = above.joint, k
-                    before = columns.get(joint_and_constant, 0.0)
-                    columns[joint_and_constant] = before + change
+        torques: dict[tuple[int, int], Array] = {}
+        for k, variation in enumerate(self.variations):
+            for blocks_above, blocks_below, theta in self._varied(motion, variation):
+                for above, below in zip(blocks_above, blocks_below, strict=True):
+                    columns = variation.factor * (above.columns - below.columns)
+                    torque = columns @ theta[above.parameters]
+                    place = above.joint, k
+                    torques[place] = torques.get(place, 0.0) + torque
         return [
-            Block(j, np.array([k]), column[:, None])
-            for (j, k), column in columns.items()
+            Block(joint, np.array([k]), torque[:, None])
+            for (joint, k), torque in torques.items()
         ]
 
-    def _pairs(
-        self, motion: Motion, upper: Effect, lower: Effect
+    def _varied(
+        self, motion: Motion, variation: _Variation
     ) -> list[tuple[list[Block], list[Block], Array]]:
-        """Return blocks of columns with the constant above and below its value, in
-        pairs.
+        """Return (blocks with the constant above its value, blocks below, parameters) of
+        each effect whose columns depend on the constant.
 
-        A pair is (blocks above, blocks below, parameters). The first pair is the
-        effect's; the others are of effects that have the same constant, or whose signs
-        of velocity change with it.
+        The first is the effect itself; the others have the same constant, or signs of
+        velocity that change over it.
         """
+        upper, lower = variation.upper, variation.lower
         # The motion with signs of velocity that change over the effect's constant.
         motion_above = with_sign_width_of(motion, upper)
         motion_below = with_sign_width_of(motion, lower)
-        pairs = [(upper.blocks(motion_above), lower.blocks(motion_below), self.theta)]
-        for effect, theta in self.finer:
+        varied = [(upper.blocks(motion_above), lower.blocks(motion_below), self.theta)]
+        for effect, theta in self.dependents:
             if effect.shape_of:  # it has the same constants
                 above = effect.with_shape(**{c: upper.shape[c] for c in effect.shape})
                 below = effect.with_shape(**{c: lower.shape[c] for c in effect.shape})
-                pairs.append((above.blocks(motion), below.blocks(motion), theta))
+                varied.append((above.blocks(motion), below.blocks(motion), theta))
             elif motion_above is not motion:  # its signs change with the constant
                 blocks_above = effect.blocks(motion_above)
                 blocks_below = effect.blocks(motion_below)
-                pairs.append((blocks_above, blocks_below, theta))
-        return pairs
+                varied.append((blocks_above, blocks_below, theta))
+        return varied
 
 
-def moved(effect: Effect, key: str, step: float) -> Effect:
+def with_moved_constant(effect: Effect, key: str, step: float) -> Effect:
     """Return the effect with one shape constant changed by a step.
 
     Parameters
@@ -182,8 +203,9 @@ def moved(effect: Effect, key: str, step: float) -> Effect:
         Step on the constant's scale: of its logarithm, or of its value.
     """
     value = effect.shape[key]
-    new = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
-    return effect.with_shape(**{key: float(new)})
+    is_log = effect.shapes[key].scale == "log"
+    new_value = value * np.exp(step) if is_log else value + step
+    return effect.with_shape(**{key: float(new_value)})
 
 
 def sensitivities(
@@ -195,25 +217,27 @@ def sensitivities(
     ----------
     effects : sequence of Effect
         All effects of a model.
+    thetas : sequence of (k,) arrays
+        Parameters of each effect.
 
     Returns
     -------
     tuple of ShapeSensitivity
         In the order of the effects.
     """
-    pairs = list(zip(effects, thetas, strict=True))
-    out = []
-    for effect, theta in pairs:
+    effects_with_theta = list(zip(effects, thetas, strict=True))
+    with_constants = []
+    for effect, theta in effects_with_theta:
         if not free_constants(effect):
             continue
         # Effects that refine this one, or have its constants.
-        finer = [
-            (other, of_other)
-            for other, of_other in pairs
+        dependents = [
+            (other, theta_of_other)
+            for other, theta_of_other in effects_with_theta
             if effect.name in (*other.refines, other.shape_of)
         ]
-        out.append(ShapeSensitivity(effect, theta, finer))
-    return tuple(out)
+        with_constants.append(ShapeSensitivity(effect, theta, dependents))
+    return tuple(with_constants)
 
 
 def with_sensitivities(
@@ -252,7 +276,7 @@ Key = tuple[str, int, str]
 
 
 @dataclass(frozen=True)
-class Settled:
+class FittedConstants:
     """A model whose shape constants lie at their joint optimum."""
 
     #: The model with these constants.
@@ -268,7 +292,7 @@ def fit_constants_jointly(
     free_keys: Collection[Key],
     compressed: Callable[[Model], Regression],
     weighting: str = "noise",
-) -> Settled:
+) -> FittedConstants:
     """Fit a model's shape constants jointly with its parameters, by least squares.
 
     Constants with a range move by Gauss-Newton steps from their present values.
@@ -288,12 +312,12 @@ def fit_constants_jointly(
 
     Returns
     -------
-    Settled
+    FittedConstants
         Model with the fitted constants, their standard deviations, and the squared
         error.
     """
     fit = _ConstantFit(model, free_keys, compressed, weighting)
-    optima = [_Descent(fit, effects).settle() for effects in fit.starting_effects()]
+    optima = [_Descent(fit, effects).minimise() for effects in fit.starting_effects()]
     return min(optima, key=lambda optimum: optimum.error)
 
 
@@ -302,7 +326,7 @@ class _Constant:
     """A shape constant of one of the model's effects."""
 
     #: Index of the effect in the model.
-    place: int
+    effect_index: int
     #: Effect, joint from 0, and name of the constant.
     key: Key
     #: Whether it moves continuously within a range.
@@ -321,7 +345,7 @@ class _ConstantFit:
 
     - ``weights`` (n,): of the joints' rows.
     - ``start`` (p,): the parameters, where no constant has moved.
-    - ``steps_of``: the d constants that move; ``unit`` (d,): the standard deviation of
+    - ``moving_constants``: the d constants that move; ``unit`` (d,): the standard deviation of
       each before anything is measured.
     - ``moving_columns``: their columns among those of all constants, which stand behind
       the parameters'.
@@ -358,10 +382,13 @@ class _ConstantFit:
         constants = self._constants()
         # Constants with a range move; others are tried at each value of a grid.
         self.moving_columns = np.array([c.is_free and c.has_range for c in constants])
-        self.steps_of = [c for c in constants if c.is_free and c.has_range]
+        self.moving_constants = [c for c in constants if c.is_free and c.has_range]
         self.on_grid = [c for c in constants if c.is_free and not c.has_range]
         self.unit = np.array(
-            [prior_deviation(model.effects[c.place], c.name) for c in self.steps_of]
+            [
+                prior_deviation(model.effects[c.effect_index], c.name)
+                for c in self.moving_constants
+            ]
         )
 
     def keys_of(self, effect: Effect) -> list[Key]:
@@ -375,23 +402,27 @@ class _ConstantFit:
     def _constants(self) -> list[_Constant]:
         """List the constants of :meth:`keys_of` of all effects, in the model's order."""
         constants = []
-        for place, effect in enumerate(self.model.effects):
+        for index, effect in enumerate(self.model.effects):
             for key in self.keys_of(effect):
                 has_range = effect.shapes[key[2]].bounds is not None
                 is_free = key in self.free_keys
-                constants.append(_Constant(place, key, has_range, is_free))
+                constants.append(_Constant(index, key, has_range, is_free))
         return constants
 
     def starting_effects(self) -> Iterator[tuple[Effect, ...]]:
         """Yield the model's effects with each combination of values of the constants on
         a grid.
         """
-        grids = [self.model.effects[c.place].shapes[c.name].grid for c in self.on_grid]
+        grids = [
+            self.model.effects[c.effect_index].shapes[c.name].grid for c in self.on_grid
+        ]
         for values in product(*grids):
             effects = list(self.model.effects)
             for constant, value in zip(self.on_grid, values, strict=True):
-                effect = effects[constant.place]
-                effects[constant.place] = effect.with_shape(**{constant.name: value})
+                effect = effects[constant.effect_index]
+                effects[constant.effect_index] = effect.with_shape(
+                    **{constant.name: value}
+                )
             yield tuple(effects)
 
     def solve(self, wide: Regression) -> tuple[LeastSquares, Array]:
@@ -421,55 +452,65 @@ class _Descent:
     def __init__(self, fit: _ConstantFit, begin: tuple[Effect, ...]) -> None:
         """Start at the constants of the effects ``begin``."""
         self.fit = fit
-        self.begin = begin
+        self.start_effects = begin
         self.theta = fit.start
         self.variances: dict[bytes, float] = {}
 
-    def settle(self) -> Settled:
+    def minimise(self) -> FittedConstants:
         """Move the constants by Gauss-Newton steps until the squared error falls no
         more.
 
-        Constants are shape constants such as a Stribeck velocity; ``steps`` (d,) are
-        their moves on their scale (ln of the constant, or the constant). The parameters
-        theta are eliminated in each residual. Returns the model with the new constants,
-        their standard deviations, and the squared error.
+        ``steps`` (d,) are the moves of the constants on their scale (ln of the constant,
+        or the constant). The parameters theta are eliminated in each residual. Returns
+        the model with the new constants, their standard deviations, and the squared
+        error.
         """
         fit = self.fit
-        if not fit.steps_of:
+        constants = fit.moving_constants
+        if not constants:
             no_steps = fit.unit  # (0,)
             residual, _ = self.residual(no_steps)
-            return Settled(self.model_at(no_steps), {}, float(np.sum(residual**2)))
-        rooms = [_room(self.begin[c.place], c.name) for c in fit.steps_of]
-        low, high = np.transpose(rooms)
-        start = np.zeros_like(fit.unit)
-        best, residual, slopes = least_squares(
-            self.residual, start, (low, high), xtol=1e-6, ftol=1e-9, steps=15
+            error = float(np.sum(residual**2))
+            return FittedConstants(self.model_at(no_steps), {}, error)
+        low, high = np.transpose(
+            [
+                _allowed_steps(self.start_effects[c.effect_index], c.name)
+                for c in constants
+            ]
         )
-        variance = self.variances[best.tobytes()]  # noted by residual at these steps
+        best, residual, slopes = least_squares(
+            self.residual,
+            np.zeros_like(fit.unit),
+            (low, high),
+            xtol=1e-6,
+            ftol=1e-9,
+            steps=15,
+        )
+        variance = self.variances[best.tobytes()]  # set by residual at these steps
         std = np.sqrt(variance) * deviations(slopes)
-        keys = [c.key for c in fit.steps_of]
+        keys = [c.key for c in constants]
         # The text of an effect has six digits, so that it reproduces the model.
         effects = []
-        for effect, after in zip(self.begin, self.model_at(best).effects, strict=True):
+        effects_at_best = self.model_at(best).effects
+        for effect, after in zip(self.start_effects, effects_at_best, strict=True):
             digits = {key: float(f"{x:.6g}") for key, x in after.shape.items()}
             effects.append(effect.with_shape(**digits))
-        return Settled(
+        return FittedConstants(
             replace(fit.model, effects=tuple(effects)),
             dict(zip(keys, std.tolist(), strict=True)),
             float(residual @ residual),
         )
 
     def model_at(self, steps: Array) -> Model:
-        """Return the model with the shape constants moved by ``steps`` (d,) from the
-        start.
-
-        A step is a change of the constant on its scale (of its logarithm, or of its
-        value).
-        """
-        effects = list(self.begin)
-        for constant, step in zip(self.fit.steps_of, steps.tolist(), strict=True):
-            effect = effects[constant.place]
-            effects[constant.place] = moved(effect, constant.name, step)
+        """Return the model with the d moving shape constants changed by ``steps`` (d,)
+        from the start, each on its own scale (its logarithm, or its value)."""
+        effects = list(self.start_effects)
+        constants = self.fit.moving_constants
+        for constant, step in zip(constants, steps.tolist(), strict=True):
+            effect = effects[constant.effect_index]
+            effects[constant.effect_index] = with_moved_constant(
+                effect, constant.name, step
+            )
         return replace(self.fit.model, effects=tuple(effects))
 
     def residual(self, steps: Array) -> tuple[Array, Array]:
@@ -481,7 +522,7 @@ class _Descent:
         columns less what the parameters' columns explain of them.
 
         Kept for later: theta, about which the next call linearises, and the variance of
-        the noise at these steps, for :meth:`settle`.
+        the noise at these steps, for :meth:`minimise`.
         """
         fit = self.fit
         p = fit.n_parameters
@@ -497,10 +538,10 @@ class _Descent:
         slopes = -partialled(columns, data.R[:, p:]) / fit.unit
         # The last row is the residual that no column can change.
         residual = np.append(data.rho - columns @ self.theta, data.residual_norm)
-        return residual, np.vstack([slopes, np.zeros((1, len(fit.steps_of)))])
+        return residual, np.vstack([slopes, np.zeros((1, len(fit.moving_constants)))])
 
 
-def _room(effect: Effect, key: str) -> tuple[float, float]:
+def _allowed_steps(effect: Effect, key: str) -> tuple[float, float]:
     """Return how far a constant may move down (negative) and up on its scale.
 
     The limits are its range; outside of its range it may move towards it.

@@ -157,7 +157,7 @@ def estimate_shapes(
         if (effect.name, joint, key) in fine
     ]
     profile = profile_of(estimated_model, fine_constants)
-    best = profile.minimised(profile.now, np.arange(len(fine_constants)))
+    best = profile.minimised(profile.log_model_values, np.arange(len(fine_constants)))
     refined = {s.key: s.after for s in profile.estimates_at(best)}
     return [replace(s, after=refined.get(s.key, s.after)) for s in estimates]
 
@@ -218,7 +218,7 @@ class _Bank:
     #: Name of the constant.
     key: str
     #: Value that the model has.
-    now: float
+    model_value: float
     #: Cubic spline over ln u through the K unit vectors: it gives weights of the
     #: columns.
     spline: CubicSpline
@@ -241,27 +241,35 @@ def _with_banks(
 ) -> tuple[Model, Indices, list[_Bank]]:
     """Build a model with a column for every grid value of every open shape constant.
 
-    open_constants : (effect, joint from 0, name of the constant), each. ``widest``
-    continues the grids. Returns the wide model; (b,) the indices of the columns without
-    an open constant; and for each open constant a _Bank (its grid as a spline, its
-    column indices).
-    """
+    Parameters
+    ----------
+    open_constants : sequence of (Effect, int, str)
+        Effect, joint from 0, and name of each constant.
+    widest : float
+        Each grid is continued by doubling up to this value.
 
-    # 1. Effects without an open constant come first, unchanged.
+    Returns
+    -------
+    Model
+        Effects without an open constant first, unchanged; then one with a column for
+        each grid value of each open constant.
+    (b,) array of int
+        Indices of the columns without an open constant.
+    list of _Bank
+        For each open constant its grid as a spline, and its columns' indices.
+    """
     open_ids = {id(effect) for effect, _, _ in open_constants}
     fixed = [e for e in model.effects if id(e) not in open_ids]
     first = sum(len(e.parameters) for e in fixed)  # column of the next bank
     base = np.arange(first)
     banks = list[_Bank]()
-    parts = list[_Grid]()
+    on_grids = list[_EffectOnGrid]()
     splines = dict[tuple[float, ...], CubicSpline]()
-    # 2. Each open constant becomes one effect with a column for each grid value.
     for effect, joint, key in open_constants:
-        now = effect.shape[key]
-        grid = _grid_with(effect, joint, key, now, widest)
-        parts.append(
-            _Grid([effect.with_shape([joint], **{key: value}) for value in grid])
-        )
+        model_value = effect.shape[key]
+        grid = _grid_with(effect, joint, key, model_value, widest)
+        at_values = [effect.with_shape([joint], **{key: value}) for value in grid]
+        on_grids.append(_EffectOnGrid(at_values))
         columns = first + np.arange(len(grid))
         first += len(grid)
         if grid not in splines:  # through the unit vectors: it returns weights
@@ -271,36 +279,36 @@ def _with_banks(
                 effect.with_shape([joint]),
                 joint,
                 key,
-                now,
+                model_value,
                 spline=splines[grid],
                 columns=columns,
             )
         )
-    effects = (*fixed, *parts)
+    effects = (*fixed, *on_grids)
     wide = Model(model.robot, effects, gains=model.gains, known=model.known)
     return wide, base, banks
 
 
 def _grid_with(
-    effect: Effect, joint: int, key: str, now: float, widest: float
+    effect: Effect, joint: int, key: str, model_value: float, widest: float
 ) -> tuple[float, ...]:
     """Return the ascending grid of values at which a constant's columns are computed.
 
-    The effect's grid is doubled up to ``widest``. The model's value ``now`` replaces
-    grid values within 0.1 in ln u, so that columns are exact there; the grid's ends
-    stay.
+    The effect's grid is doubled up to ``widest``. The model's value replaces grid values
+    within 0.1 of it in ln u, so that columns are exact there; the grid's ends stay. A
+    value beyond the ends is left out.
     """
     grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
     while grid[-1] < widest:
         grid = (*grid, 2.0 * grid[-1])
     ends = (grid[0], grid[-1])
-    if not ends[0] <= now <= ends[-1]:
+    if not ends[0] <= model_value <= ends[-1]:
         return grid
-    kept = {g for g in grid if g in ends or abs(np.log(g / now)) > 0.1}
-    return tuple(sorted({now, *kept}))
+    distant = {g for g in grid if g in ends or abs(np.log(g / model_value)) > 0.1}
+    return tuple(sorted({model_value, *distant}))
 
 
-class _Grid(Effect):
+class _EffectOnGrid(Effect):
     """An effect on one joint with several values of one shape constant, as columns of a
     regression."""
 
@@ -343,11 +351,11 @@ class _ShapeProfile:
     """What a fit of all other columns leaves of the torque (r,) and of B banks: each
     has the columns of one open shape constant u at K values.
 
-    - ``parts``: what is left of each bank's columns, (K, r).
-    - ``now`` (B,): ln u as the model has it, or the nearest known value.
+    - ``columns_on_grid``: what is left of each bank's columns, (K, r).
+    - ``log_model_values`` (B,): ln u as the model has it, or the nearest known value.
     - ``ends`` (B, 2): the range of ln u.
-    - ``brakes`` (B,): whether the bank's coefficient may not become negative.
-    - ``shown`` (b, k): directions of the other columns' coefficients that the data
+    - ``is_friction`` (B,): whether the bank's coefficient may not become negative.
+    - ``shown_directions`` (b, k): directions of the other columns' coefficients that the data
       determine, scaled so that each makes a torque of norm one.
     - ``variance``: of a row, times the number of rows that repeat one another.
     """
@@ -381,11 +389,11 @@ class _ShapeProfile:
             data = folds.least_squares(self.weights)
         # 2. Project the other columns out.
         banks_and_torque = np.column_stack([data.R[:, len(base) :], data.rho])
-        base_columns, self.shown = column_space(data.R[:, base])
+        base_columns, self.shown_directions = column_space(data.R[:, base])
         explained = base_columns @ (base_columns.T @ banks_and_torque)
         remaining = triangular([banks_and_torque - explained])
         self.torque = remaining[:, -1]
-        self.count = remaining.shape[1] - 1
+        self.n_bank_columns = remaining.shape[1] - 1
         # 3. The variance of what all values of all banks together leave.
         all_banks = span(remaining[:, :-1])
         residual = self.torque - all_banks @ (all_banks.T @ self.torque)
@@ -396,12 +404,16 @@ class _ShapeProfile:
         free = max(data.rows - folds.oversampling * n_columns, 1.0)
         self.variance = folds.oversampling * error / free
         # 4. Each bank by itself.
-        self.parts = [
+        self.columns_on_grid = [
             np.ascontiguousarray(remaining.T[b.columns - len(base)]) for b in banks
         ]
         self.ends = np.array([b.spline.x[[0, -1]] for b in banks])
-        self.now = np.clip(np.log([b.now for b in banks]), *self.ends.T)
-        self.brakes = np.array([b.effect.parameters[0].lower == 0.0 for b in banks])
+        self.log_model_values = np.clip(
+            np.log([b.model_value for b in banks]), *self.ends.T
+        )
+        self.is_friction = np.array(
+            [b.effect.parameters[0].lower == 0.0 for b in banks]
+        )
 
     def _columns_at(self, u: Array) -> tuple[Array, Array]:
         """Return the banks' columns (r, B) at constants ln u (B,), and their
@@ -410,7 +422,7 @@ class _ShapeProfile:
         interpolated = [  # of each bank (2, r): the column, and its derivative
             bank.weights(log_value) @ columns_on_grid
             for bank, columns_on_grid, log_value in zip(
-                self.banks, self.parts, u.tolist(), strict=True
+                self.banks, self.columns_on_grid, u.tolist(), strict=True
             )
         ]
         # (B, 2, r) to (2, r, B)
@@ -423,8 +435,8 @@ class _ShapeProfile:
 
         Variable projection: the coefficients theta(u) are those of least squares, and
         the Jacobian is Kaufman's, -(1 - U U^T) (dY/du) theta, with U a basis of the
-        columns. A friction column (``brakes``) whose coefficient came out negative is
-        removed, since friction brakes.
+        columns. A friction column (``is_friction``) whose coefficient came out negative
+        is left out: friction brakes.
         """
         columns, derivatives = self._columns_at(u)
         used = np.ones(len(u), bool)
@@ -432,7 +444,7 @@ class _ShapeProfile:
             U, V = column_space(columns[:, used])
             theta = np.zeros(len(u))
             theta[used] = V @ (U.T @ self.torque)
-            pushes = self.brakes & (theta < 0.0)
+            pushes = self.is_friction & (theta < 0.0)
             if not pushes.any():
                 break
             used &= ~pushes
@@ -440,31 +452,35 @@ class _ShapeProfile:
         residual = self.torque - U @ (U.T @ self.torque)
         return residual, U @ (U.T @ slopes) - slopes
 
-    def _fold_grams(self, T: Array) -> Array:
-        """Return (F, k + d, k + d) Gram matrices of each fold's rows.
+    def _fold_grams(self, combinations: Array) -> Array:
+        """Return the Gram matrices (F, k + d, k + d) of k + d columns in each fold's rows.
 
         The first k columns are the directions of the other columns that the data show.
-        The last d columns are combinations T (P + 1, d) of the banks' P columns and the
-        torque.
+        The last d are combinations (P + 1, d) of the banks' P columns and the torque.
         """
-        n_others, n_shown = self.shown.shape
-        size = n_shown + T.shape[1]
-        out = np.zeros((len(self.folds.blocks), size, size))
+        n_others, n_shown = self.shown_directions.shape
+        size = n_shown + combinations.shape[1]
+        grams = np.zeros((len(self.folds.blocks), size, size))
         # rows (blocks, r, columns + 1): other columns, banks' columns, torque.
         for joint, indices, blocks, rows in self.folds.by_joint():
             n_others_of_joint = int(np.sum(indices < n_others))
             other_rows = rows[..., :n_others_of_joint]
-            products = other_rows @ self.shown[indices[:n_others_of_joint]]
-            # Rows of T for this joint's banks, and the last one for the torque.
-            rows_of_T = np.append(indices[n_others_of_joint:] - n_others, self.count)
-            combined = rows[..., n_others_of_joint:] @ T[rows_of_T]
-            columns = self.weights[joint] * np.concatenate([products, combined], axis=2)
-            out[blocks] += columns.swapaxes(1, 2) @ columns
-        return out
+            directions = self.shown_directions[indices[:n_others_of_joint]]
+            # Rows of the combinations for this joint's banks, the last for the torque.
+            bank_columns = indices[n_others_of_joint:] - n_others
+            used = np.append(bank_columns, self.n_bank_columns)
+            combined = rows[..., n_others_of_joint:] @ combinations[used]
+            columns = np.concatenate([other_rows @ directions, combined], axis=2)
+            columns = self.weights[joint] * columns
+            grams[blocks] += columns.swapaxes(1, 2) @ columns
+        return grams
 
     def held_out_gains(self, estimates: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
         """Return each new constant's gain on motion left out, and the gain that it
         needs.
+
+        With r a fold's residual with the new constant and d the change of the torque, a
+        fold's gain is |d|^2 + 2 r^T d; noise acts on 2 r^T d alone.
 
         Returns
         -------
@@ -480,20 +496,18 @@ class _ShapeProfile:
         needed = np.zeros(len(estimates))
         if not moved or n_folds < 2:
             return gain, needed
-        # 1. Fit with each fold left out: with the model's constants (fit 0), and with
-        # one constant changed (fits 1, 2, ...).
         local = self._local_columns(estimates)
         grams = self._fold_grams(local.combinations)
         size = nonzero_or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
         grams /= size * size[:, None]
-        fits = self._fits_to_others(grams, local, moved)
+        # Fit 0 has the model's constants, fits 1, 2, ... have one new constant each.
+        fits = self._fits_without_folds(grams, local, moved)
         fits[..., -1] = -1.0  # the torque: (c, -1)^T G (c, -1) is the squared residual
         losses = _quadratic_forms(grams, fits)
-        scale = size[-1] ** 2 / self.variance
-        # 2. With r a fold's residual with the new constant and d the change of the
-        # torque, a fold's gain is |d|^2 + 2 r^T d; noise acts on 2 r^T d alone.
-        gain_of_folds = scale * (losses[0] - losses[1:])
-        changes = scale * _quadratic_forms(grams, fits[1:] - fits[0])
+        # From the scaled torque to units of the row variance.
+        unit = size[-1] ** 2 / self.variance
+        gain_of_folds = unit * (losses[0] - losses[1:])
+        changes = unit * _quadratic_forms(grams, fits[1:] - fits[0])  # |d|^2
         noise_variance = np.sum((gain_of_folds - changes) ** 2, axis=1)
         white_variance = 4.0 * changes.sum(axis=1)
         noise_variance = np.maximum(noise_variance, white_variance)
@@ -514,37 +528,45 @@ class _ShapeProfile:
         # Each column: its bank, whether it is new, and its weights on the bank's grid (K,).
         columns = list[tuple[int, bool, Array]]()
         for j, (bank, estimate) in enumerate(zip(self.banks, estimates, strict=True)):
-            columns.append((j, False, bank.weights(self.now[j])[0]))
+            columns.append((j, False, bank.weights(self.log_model_values[j])[0]))
             if estimate.after != estimate.before:
                 value, derivative = bank.weights(float(np.log(estimate.after)))
                 columns.append((j, True, value))
                 if not estimate.at_end:
                     columns.append((j, True, derivative))
-        combinations = np.zeros((self.count + 1, len(columns) + 1))
+        combinations = np.zeros((self.n_bank_columns + 1, len(columns) + 1))
         for k, (j, _, weights) in enumerate(columns):
-            combinations[self.banks[j].columns - len(self.shown), k] = weights
+            combinations[self.banks[j].columns - len(self.shown_directions), k] = (
+                weights
+            )
         combinations[-1, -1] = 1.0  # the torque
-        n_shown = self.shown.shape[1]  # k, directions of the other columns
+        n_shown = self.shown_directions.shape[1]  # k, directions of the other columns
         bank_of = [-1] * n_shown + [j for j, _, _ in columns]
         is_new = [False] * n_shown + [new for _, new, _ in columns]
         return _LocalColumns(combinations, np.array(bank_of), np.array(is_new))
 
-    def _fits_to_others(
+    def _fits_without_folds(
         self, grams: Array, local: _LocalColumns, moved: Sequence[int]
     ) -> Array:
-        """Return (1 + len(moved), F, k + d) least-squares coefficients with each fold
-        left out.
+        """Return the least-squares coefficients (1 + len(moved), F, s) of the columns,
+        with each of F folds left out; zero for columns that take no part.
 
-        The first fit has the model's constants. Each further fit has the new constant
-        of one bank of ``moved``. grams (F, s, s) are the folds' Gram matrices, the
-        torque last.
+        Parameters
+        ----------
+        grams : (F, s, s) array
+            Gram matrices of the folds' rows: s - 1 columns, and the torque last.
+        local : _LocalColumns
+            Which of these columns belong to which open constant.
+        moved : sequence of int
+            Numbers of the constants with a new value. The first fit has the model's
+            constants, each further one the new value of one of these.
         """
         n_folds, size = grams.shape[:2]
         # Gram matrices of all other folds, with a small ridge.
         training = grams.sum(axis=0) - grams + UNSEEN * np.eye(size)
         fits = np.zeros((len(moved) + 1, n_folds, size))
-        for fit, bank in zip(fits, (None, *moved), strict=True):
-            used = np.flatnonzero(local.used_for(bank))
+        for fit, constant in zip(fits, (None, *moved), strict=True):
+            used = np.flatnonzero(local.used_for(constant))
             gram = training[:, used[:, None], used]
             fit[:, used] = np.linalg.solve(gram, training[:, used, -1:])[..., 0]
         return fits
@@ -560,7 +582,9 @@ class _ShapeProfile:
         u = self.best_on_grid()
         moves = np.ones(len(self.banks), bool)
         while True:
-            u = self.minimised(np.where(moves, u, self.now), np.flatnonzero(moves))
+            u = self.minimised(
+                np.where(moves, u, self.log_model_values), np.flatnonzero(moves)
+            )
             estimates = self.estimates_at(u)
             gains, needed = self.held_out_gains(estimates)
             refused = moves & ~(gains > needed)
@@ -578,16 +602,18 @@ class _ShapeProfile:
 
         The other constants stay at their last value meanwhile.
         """
-        u = self.now.copy()
-        columns, _ = self._columns_at(self.now)
+        u = self.log_model_values.copy()
+        columns, _ = self._columns_at(self.log_model_values)
         for k, (bank, grid_columns) in enumerate(
-            zip(self.banks, self.parts, strict=True)
+            zip(self.banks, self.columns_on_grid, strict=True)
         ):
             # Columns (K, r) on the grid, without what the other banks' columns explain.
             U, _ = column_space(np.delete(columns, k, axis=1))
             remaining = grid_columns - (grid_columns @ U) @ U.T
             products = remaining @ self.torque
-            if self.brakes[k]:  # a negative coefficient would push: it explains nothing
+            if self.is_friction[
+                k
+            ]:  # a negative coefficient would push: it explains nothing
                 products = np.maximum(products, 0.0)
             # Squared torque that each grid value explains.
             squared_norms = nonzero_or_one(np.sum(remaining**2, axis=1))
@@ -637,35 +663,43 @@ class _ShapeProfile:
         """
         _, jacobian = self._residual_at(u)
         log_stds = np.sqrt(self.variance) * deviations(jacobian)
-        out = []
-        constants = zip(
-            self.banks,
-            u.tolist(),
-            self.now,
-            log_stds.tolist(),
-            self.ends.tolist(),
-            strict=True,
-        )
-        for bank, log_value, log_before, log_std, (low, high) in constants:
-            has_moved = log_value != log_before
-            # Six digits, as in the text of an effect.
-            after = float(f"{np.exp(log_value):.6g}") if has_moved else bank.now
-            # Wider than a uniform distribution over the range: the data bound nothing.
-            uniform_std = (high - low) / np.sqrt(12.0)
-            std = after * log_std if log_std < uniform_std else np.inf
-            is_at_end = has_moved and at_end(log_value, low, high)
-            out.append(
-                ShapeEstimate(
-                    effect=bank.effect.name,
-                    joint=bank.joint + 1,
-                    shape=bank.key,
-                    before=bank.now,
-                    after=after,
-                    std=std,
-                    at_end=bool(is_at_end),
-                )
+        return [
+            _shape_estimate(
+                self.banks[k],
+                log_value=float(u[k]),
+                log_before=float(self.log_model_values[k]),
+                log_std=float(log_stds[k]),
+                log_ends=(float(self.ends[k, 0]), float(self.ends[k, 1])),
             )
-        return out
+            for k in range(len(u))
+        ]
+
+
+def _shape_estimate(
+    bank: _Bank,
+    *,
+    log_value: float,
+    log_before: float,
+    log_std: float,
+    log_ends: tuple[float, float],
+) -> ShapeEstimate:
+    """Return the estimate of a bank's constant u from ln u as it is now and as the model
+    has it, the standard deviation of ln u, and the ends of its range."""
+    has_moved = log_value != log_before
+    # Six digits, as in the text of an effect.
+    after = float(f"{np.exp(log_value):.6g}") if has_moved else bank.model_value
+    # Wider than a uniform distribution over the range: the data bound nothing.
+    uniform_std = (log_ends[1] - log_ends[0]) / np.sqrt(12.0)
+    is_at_end = has_moved and at_end(log_value, *log_ends)
+    return ShapeEstimate(
+        effect=bank.effect.name,
+        joint=bank.joint + 1,
+        shape=bank.key,
+        before=bank.model_value,
+        after=after,
+        std=after * log_std if log_std < uniform_std else np.inf,
+        at_end=bool(is_at_end),
+    )
 
 
 @dataclass(frozen=True)
@@ -680,16 +714,16 @@ class _LocalColumns:
     #: (k + d - 1,) whether a column is at the constant's new value.
     is_new: Mask
 
-    def used_for(self, bank: int | None) -> Mask:
+    def used_for(self, constant: int | None) -> Mask:
         """Return (k + d - 1,) which columns take part in the fit with one new constant.
 
-        A bank is a shape constant with its columns, at the model's value and at the new
-        one. The new columns of ``bank`` replace its old one; all other banks keep the
-        model's value. With None all banks keep it.
+        Each constant has a column at the model's value, and columns at the new one if it
+        has moved. The new columns of ``constant`` replace its old one; all other
+        constants keep the model's value. With None all keep it.
         """
-        if bank is None:
+        if constant is None:
             return ~self.is_new
-        return np.where(self.bank_of == bank, self.is_new, ~self.is_new)
+        return np.where(self.bank_of == constant, self.is_new, ~self.is_new)
 
 
 def _quadratic_forms(grams: Array, coefficients: Array) -> Array:
@@ -719,7 +753,7 @@ def with_shapes(
         Effects with the new constants.
     """
     values = {s.key: s.after for s in estimates}
-    out = list[Effect]()
+    with_new_constants = list[Effect]()
     for effect in effects:
         constants_of_joint = {
             joint: {
@@ -731,10 +765,10 @@ def with_shapes(
         }
         if any(constants_of_joint.values()):
             for joint, constants in constants_of_joint.items():
-                out.append(effect.with_shape([joint], **constants))
+                with_new_constants.append(effect.with_shape([joint], **constants))
         else:
-            out.append(effect)
-    return tuple(out)
+            with_new_constants.append(effect)
+    return tuple(with_new_constants)
 
 
 def constants_at_ends(model: Model) -> list[ConstantKey]:
