@@ -268,7 +268,7 @@ class _Again:
         effects.
         """
         options = replace(
-            PoseOptions.posing(self.estimate),
+            PoseOptions.of_model(self.estimate),
             effects=effects,
             seed=self.seed,
             progress=self.progress,
@@ -446,7 +446,7 @@ def _add_frozen(
         estimate,
         model=fit.model,
         theta=theta,
-        uncertainty=uncertainty.named_by_sources(**of_both),
+        uncertainty=uncertainty.agreeing_with_sources(**of_both),
         certificate=certify_beside(estimate, fit.model, theta, fit.certificate),
         report=Details(on_bounds=bounds, **of_both),
         provenance=provenance,

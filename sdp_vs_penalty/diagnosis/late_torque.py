@@ -206,7 +206,9 @@ def _with_constants_stepped(
     shape = {}
     for name, step in zip(derivatives.keys, steps.tolist(), strict=True):
         present = effect.shape[name]
-        value = with_moved_constant(effect, name, step * prior_deviation(effect, name)).shape[name]
+        value = with_moved_constant(
+            effect, name, step * prior_deviation(effect, name)
+        ).shape[name]
         low, high = own.form.bounds(name) or (0.0, np.inf)
         inside = np.clip(value, max(low, 0.5 * present), min(high, 2.0 * present))
         shape[name] = float(f"{inside:.6g}")

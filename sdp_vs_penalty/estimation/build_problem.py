@@ -153,7 +153,7 @@ class PoseOptions:
         return cls(**options)
 
     def recipe(self) -> Recipe:
-        """Return the options from which :meth:`following` poses the problem again.
+        """Return the options from which :meth:`from_recipe` poses the problem again.
 
         Of the effects' shape constants only those that the user gave are kept: the
         others are estimated again.
@@ -168,7 +168,7 @@ class PoseOptions:
         return Recipe(**chosen)
 
     @classmethod
-    def following(cls, recipe: Recipe, robot: Robot, **others: Any) -> PoseOptions:
+    def from_recipe(cls, recipe: Recipe, robot: Robot, **others: Any) -> PoseOptions:
         """Return the options that a recipe states, the inverse of :meth:`recipe`.
 
         ``others`` are further fields of the options.
@@ -179,9 +179,9 @@ class PoseOptions:
         return cls(**chosen, **others)
 
     @classmethod
-    def posing(cls, model: Estimate) -> PoseOptions:
-        """Return the options that pose a model's problem again: the one place that knows
-        where a model keeps what a user chose.
+    def of_model(cls, model: Estimate) -> PoseOptions:
+        """Return the options with which a model's problem was posed: the one place that
+        knows where a model keeps what a user chose.
 
         Known loads are in its problem's gains, or in its recipe's known values.
         """
@@ -191,7 +191,7 @@ class PoseOptions:
             "gain_uncertainty": model.uncertainty.gain_errors,
         }
         if recipe := model.report.recipe:
-            return cls.following(recipe, model.robot, **stored)
+            return cls.from_recipe(recipe, model.robot, **stored)
         return cls(model.model.effects, known=model.model.known, **stored)
 
 

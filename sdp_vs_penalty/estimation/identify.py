@@ -147,7 +147,7 @@ def _uncertainty(
             constrained=is_feasible,
             gain_errors=posed.gain_errors,
         )
-        .named_by_sources(**sources)
+        .agreeing_with_sources(**sources)
         .in_unit(getattr(posed.measurements, "torque_unit", ""))
     )
 

@@ -157,18 +157,23 @@ def _linearised(
 ) -> Regression:
     """Linearise the torque equations of all runs about the present unknowns.
 
-    A channel of gain g reads g (Y theta + Y_load x_load). The unknowns x (s,) are theta
+    A channel of gain g reads g (Y theta + Y_load x_load). The unknowns (s,) are theta
     (p,), nine parameters of each load (all but its known mass), and ln g (n,).
-    ``parts`` are the compressed rows of the runs without load (mass 0), then those of
-    each load with its mass [kg]; ``p`` is the number of parameters of theta, ``x`` (s,)
-    and ``log_gain`` (n,) are the present unknowns. A factor is a triangle [Y, tau] of
-    one joint's rows, a block a stretch of time.
+
+    Parameters
+    ----------
+    parts : sequence of (Regression, float)
+        Compressed rows of the runs without load (mass 0), then those of each load, with
+        its mass [kg].
+    p : int
+        Number of parameters theta.
+    x, log_gain : (s,), (n,) arrays
+        The present unknowns, and those of them that are ln g.
     """
     factors = list[Factor]()
     blocks = list[TimeBlock]()
     first_run = 0
     size = len(x)
-    n = len(log_gain)
     for part, (regression, mass) in enumerate(parts):
         # Number the blocks and runs of all parts consecutively.
         first_block = len(blocks)
@@ -176,39 +181,53 @@ def _linearised(
             (first_run + run, start, stop) for run, start, stop in regression.blocks
         ]
         first_run = 1 + max(run for run, *_ in blocks)
-        # f.triangle [Y, tau] (r, k + 1): columns of the parameters f.indices, torque.
-        for f in regression.factors:
-            columns = np.exp(log_gain[f.joint]) * f.triangle[:, :-1]
-            is_mass = f.indices == p  # the load's mass, first of its ten parameters
-            torque_of_mass = columns[:, is_mass].sum(axis=1) * mass
-            # Without the mass a load has nine unknowns; part 0 has no load.
-            indices = f.indices[~is_mass]
-            indices = np.where(indices > p, indices - 1 + 9 * (part - 1), indices)
-            # Modelled torque of the channel, which is its derivative by ln g as well.
-            slope = columns[:, ~is_mass] @ x[indices] + torque_of_mass
-            # All unknowns, so that every run of a joint has the same columns.
-            rows = np.zeros((len(columns), size + 1))
-            rows[:, indices] = columns[:, ~is_mass]
-            rows[:, size - n + f.joint] = slope
-            torque = f.triangle[:, -1] - torque_of_mass
-            rows[:, -1] = torque + slope * log_gain[f.joint]
+        for factor in regression.factors:
+            # Part 0 has no load; the others' loads have nine unknowns each, behind theta.
+            first_of_load = p + 9 * (part - 1)
+            rows = _linearised_rows(factor, mass, p, first_of_load, x, log_gain)
             factors.append(
                 Factor(
-                    f.joint,
-                    block=f.block + first_block,
+                    factor.joint,
+                    block=factor.block + first_block,
                     indices=np.arange(size),
                     triangle=rows,
-                    rows=f.rows,
+                    rows=factor.rows,
                 )
             )
     unknowns = tuple(Parameter(f"x{k}", "-", "known_load", 0) for k in range(size))
     return Regression(
         unknowns,
-        joints=n,
+        joints=len(log_gain),
         blocks=tuple(blocks),
         factors=tuple(factors),
         oversampling=parts[0][0].oversampling,
     )
+
+
+def _linearised_rows(
+    factor: Factor, mass: float, p: int, first_of_load: int, x: Array, log_gain: Array
+) -> Array:
+    """Return the rows (r, s + 1) of one joint in all s unknowns, the torque last, from
+    its triangle [Y, Y_load, tau].
+
+    ``first_of_load`` is the place of the load's nine unknowns; the other arguments are
+    those of :func:`_linearised`.
+    """
+    size = len(x)
+    columns = np.exp(log_gain[factor.joint]) * factor.triangle[:, :-1]
+    is_mass = factor.indices == p  # the first of the load's ten parameters
+    torque_of_mass = columns[:, is_mass].sum(axis=1) * mass
+    indices = factor.indices[~is_mass]
+    indices = np.where(indices > p, indices - (p + 1) + first_of_load, indices)
+    # Modelled torque of the channel, which is its derivative by ln g as well.
+    slope = columns[:, ~is_mass] @ x[indices] + torque_of_mass
+    # All unknowns, so that every run of a joint has the same columns.
+    rows = np.zeros((len(columns), size + 1))
+    rows[:, indices] = columns[:, ~is_mass]
+    rows[:, size - len(log_gain) + factor.joint] = slope
+    torque = factor.triangle[:, -1] - torque_of_mass
+    rows[:, -1] = torque + slope * log_gain[factor.joint]
+    return rows
 
 
 def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> Array:
@@ -301,26 +320,27 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
 
 
 def _in_units_of_error(
-    factor: Factor, error: int, other_parameters: Array, p: int
+    factor: Factor, error_index: int, other_parameters: Array, p: int
 ) -> Array:
     """Return a joint's rows (r, p) divided by s, the noise of its servo's control
     error.
 
     s is the root mean square of the error after least squares in the load's columns.
-    ``error`` is the index of the error's column, ``other_parameters`` those of all
-    columns but the errors. Raises InputError for a joint whose error is zero.
+    ``error_index`` is the error's column, ``other_parameters`` those of all columns but
+    the errors. Raises InputError for a joint whose error is zero.
     """
-    wide = np.zeros((len(factor.triangle), p))
-    wide[:, factor.indices] = factor.triangle[:, :-1]
-    residual = np.linalg.norm(partialled(wide[:, other_parameters], wide[:, error]))
-    total = np.linalg.norm(wide[:, error])
+    rows = np.zeros((len(factor.triangle), p))
+    rows[:, factor.indices] = factor.triangle[:, :-1]
+    error = rows[:, error_index]
+    residual = np.linalg.norm(partialled(rows[:, other_parameters], error))
+    total = np.linalg.norm(error)
     # At least the rounding of the error, so that exact data can be divided by it.
     s = max(float(residual), 1e-9 * float(total)) / np.sqrt(max(factor.rows, 1))
     if s == 0.0:
         joint = factor.joint + 1
         what = f"joint {joint} does not move, or follows its command without error"
         raise InputError(what, "check the columns qcmd1..qcmdn")
-    return wide / s
+    return rows / s
 
 
 _SCALES = (
@@ -447,44 +467,45 @@ def _factor_of_motors(
 ) -> float:
     """Return the factor on theta (p,) that motor constants imply.
 
-    With it the drives' torque is the constant times the logged current or voltage. Both
-    are filtered, and freed of a constant (an integral may begin anywhere in each run)
-    and of the velocity (the gain kd holds viscous friction, which is no torque of the
-    drive). Several motors' factors are averaged geometrically.
+    With it the drives' torque is the constant times the logged current or voltage.
+    Several motors' factors are averaged geometrically. Raises InputError for a missing
+    column, and for one that is not correlated with the drive's torque.
 
-    ``motors`` are constants [N m/A, N m/V] by channel and joint, from 0. Raises
-    InputError for a missing column, and for one that is not correlated with the drive's
-    torque.
+    Parameters
+    ----------
+    motors : dict
+        Constants [N m/A, N m/V] by channel and joint, from 0.
     """
     data = runs.measurements
     bare = replace(model, known={})
-    factors = []
 
     def filtered(all_runs: Measurements, joint: int) -> Array:
         """Return the filtered torque of one joint in all runs (M,), without constant
-        and velocity.
-        """
-        out = []
+        (an integral may begin anywhere in each run) and velocity (the gain kd holds
+        viscous friction, which is no torque of the drive)."""
+        torques = []
         for run in all_runs.runs():
             rows = FilteredRun(run, runs.settings).all_rows(bare)
             constant = np.ones(len(rows.torque))
             others = np.stack([constant, rows.motion.dq[:, joint]], axis=1)
-            out.append(partialled(others, rows.torque[:, joint]))
-        return np.concatenate(out)
+            torques.append(partialled(others, rows.torque[:, joint]))
+        return np.concatenate(torques)
 
+    factors = []
     with_torque = with_drive_torque(model, theta, data)
-    for (column, j), constant in motors.items():
-        if column not in data.groups:
-            what = f"a motor's constant needs the column {column}{j + 1}"
+    for (channel, joint), constant in motors.items():
+        if channel not in data.groups:
+            what = f"a motor's constant needs the column {channel}{joint + 1}"
             raise InputError(what, "log it", data.names[0])
-        motor_torque = replace(with_torque, tau=constant * data.groups[column])
-        x = filtered(motor_torque, j)
-        y = filtered(with_torque, j)
-        product = float(x @ y)
-        if product < c.MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
-            what = f"{column}{j + 1} is not what this servo makes of its error"
+        motor_log = replace(with_torque, tau=constant * data.groups[channel])
+        of_motor = filtered(motor_log, joint)
+        of_drive = filtered(with_torque, joint)
+        product = float(of_motor @ of_drive)
+        norms = np.linalg.norm(of_motor) * np.linalg.norm(of_drive)
+        if product < c.MOTOR_ALIKE * norms:
+            what = f"{channel}{joint + 1} is not what this servo makes of its error"
             raise InputError(what, "check its sign and joint")
-        factors.append(float(x @ x) / product)
+        factors.append(float(of_motor @ of_motor) / product)
     return float(np.exp(np.mean(np.log(factors))))
 
 
@@ -565,20 +586,21 @@ def _mean_factor(loaded: Sequence[_LoadedRun], theta: Array) -> tuple[float, flo
 def _factor_of_loads(
     problem: Problem, model: Model, runs: FilteredRuns, loads: KnownLoads
 ) -> tuple[float, float]:
-    """Return the factor on theta (p,) that known loads imply, and its relative std.
+    """Return the factor on theta (p,) that known loads imply, and its relative standard
+    deviation.
 
-    Without a logged torque, theta is known up to this factor. The standard deviation is
-    that of the scaled position gain which fixes the model's scale. Errors of the model
-    are no independent noise, so it is a jackknife: over blocks of the loaded runs, and
-    over blocks of the training runs, from which theta is fitted again. Both variances
-    add up. It is at least the one for independent noise.
+    Without a logged torque, theta is known up to this factor. The deviation is that of
+    the scaled position gain which fixes the model's scale. Errors of the model are no
+    independent noise, so it is a jackknife: over blocks of the loaded runs, and over
+    blocks of the training runs, from which theta is fitted again. Both variances add up.
+    It is at least the one for independent noise.
 
     Parameters
     ----------
     problem : Problem
         Robot with its nominal links.
     model : Model
-        Model up to a factor, its strongest gain fixed.
+        Model up to a factor; its strongest gain is its first known value.
     loads : sequence of (run, mass)
         Runs with a known mass [kg] on the last link.
     """
@@ -589,6 +611,17 @@ def _factor_of_loads(
         for measurements, mass in _loaded(loads, model.robot)
     ]
     factor, std_of_noise = _mean_factor(loaded, theta)
+    variance = _variance_by_loaded_runs(loaded, theta)
+    scaled_gains = _gains_without_a_block(problem, model, runs, loaded)
+    _, std_of_scaled_gain = jackknifed(np.array(scaled_gains))
+    fixed_gain = next(iter(model.known.values()))
+    variance += (float(std_of_scaled_gain) / fixed_gain) ** 2
+    return factor, max(std_of_noise, float(np.sqrt(variance)) / factor)
+
+
+def _variance_by_loaded_runs(loaded: Sequence[_LoadedRun], theta: Array) -> float:
+    """Return the jackknife variance of the loads' mean factor on theta (p,), over the
+    blocks of each loaded run in turn."""
     variance = 0.0
     for k, one in enumerate(loaded):
         factors = []
@@ -597,11 +630,7 @@ def _factor_of_loads(
             factors.append(_mean_factor(fewer, theta)[0])
         _, std_of_factor = jackknifed(np.array(factors))
         variance += float(std_of_factor) ** 2
-    gains = _gains_without_a_block(problem, model, runs, loaded)
-    _, std_of_gain = jackknifed(np.array(gains))
-    fixed_gain = next(iter(model.known.values()))
-    variance += (float(std_of_gain) / fixed_gain) ** 2
-    return factor, max(std_of_noise, float(np.sqrt(variance)) / factor)
+    return variance
 
 
 def _gains_without_a_block(

@@ -144,21 +144,22 @@ def _what_is_proved(
 
 
 def _wider_than_certified(proof: Mapping[str, Any], model: Estimate) -> str:
-    """Return a sentence if the proof's interval is wider than the model's certified
-    one, else "".
+    """Return a sentence if the proof's interval of the optimum is wider than the model's
+    certified one, else "".
 
-    The two are computed in different arithmetic, so that a difference of TIGHT is
-    allowed, as a share of the objective's size.
+    The two are computed in different arithmetic, so that a difference of TIGHT times the
+    objective's size is allowed.
     """
-    gap = verify_proof.relative_gap(proof)
+    relative_gap = verify_proof.relative_gap(proof)
     upper, lower = model.certificate.upper, model.certificate.lower
     if upper is None or lower is None:
         return ""
     width = float(Fraction(proof["upper"]) - Fraction(proof["lower"]))
-    allowed = upper - lower
-    if gap is not None and gap:
-        allowed += TIGHT * width / float(gap)
-    if width <= allowed:
+    allowed_width = upper - lower
+    if relative_gap:
+        objective_size = width / float(relative_gap)
+        allowed_width += TIGHT * objective_size
+    if width <= allowed_width:
         return ""
     return (
         f"its interval of {width:.1e} is wider than the {upper - lower:.1e} of the"
@@ -208,7 +209,7 @@ def posed_again(model: Estimate, data: Measurements) -> EstimationProblem | None
     """
     if model.report.recipe is None and not data.torque_logged:
         return None
-    return build_problem(model.problem, data, PoseOptions.posing(model))
+    return build_problem(model.problem, data, PoseOptions.of_model(model))
 
 
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:

@@ -131,24 +131,24 @@ class Hypotheses:
 
         n joints, N samples of the motion, k parameters of the effect.
         """
-        out = np.zeros((self.estimate.robot.n, len(motion.t), len(effect.parameters)))
+        shape = (self.estimate.robot.n, len(motion.t), len(effect.parameters))
+        columns = np.zeros(shape)
         for block in effect.blocks(motion):
-            out[block.joint][:, block.parameters] += (
-                block.columns / self.noise[block.joint]
-            )
-        return out
+            of_block = block.columns / self.noise[block.joint]
+            columns[block.joint][:, block.parameters] += of_block
+        return columns
 
     def distance(self, motion: Motion) -> float:
         """Return delta^2, the squared distance of the hypotheses on a motion, in noise
         variances.
 
         It counts independent rows. Either effect may be the true one; the smaller
-        distance counts.
+        distance counts. One effect alone is compared with none.
         """
-        wide = self.estimate.model.dense_columns(
+        of_model = self.estimate.model.dense_columns(
             replace(motion, torque=None, current=None)
         )
-        X = (wide / self.noise[:, None, None]).reshape(-1, wide.shape[2])
+        X = (of_model / self.noise[:, None, None]).reshape(-1, of_model.shape[2])
         columns = [
             self._columns_over_noise(effect, motion).reshape(len(X), -1) * scale
             for effect, scale in zip(self.effects, self.scale, strict=True)
@@ -279,16 +279,7 @@ def separate(
     search = _MotionSearch(hypotheses, limits, effort, duration, free)
     rng = np.random.default_rng(seed)
     search.start(rng)
-    # Size of a change as a share of the ranges: larger after a success, smaller after a
-    # failure, so that about one change in five succeeds.
-    reach = 0.3
-    low, high = search.range
-    for k in range(iterations if search.trajectory is not None else 0):
-        plan = _changed(rng, search.plan, low, high, reach)
-        is_better = search.improve(plan)
-        reach = min(0.5, reach * 1.3) if is_better else max(0.02, reach * 0.93)
-        distance = search.value**0.5
-        progress(f"separating: {k + 1} of {iterations} changes, delta {distance:.2f}")
+    search.change_at_random(rng, iterations, progress)
     if search.trajectory is None:
         remedy = (
             "widen the limits of position or torque, or lengthen the motion with"
@@ -367,6 +358,24 @@ class _MotionSearch:
             self.improve(_random_plan(rng, *self.range))
             if self.trajectory is not None and self.n_judged >= _DRAWN:
                 break
+
+    def change_at_random(
+        self, rng: np.random.Generator, iterations: int, progress: Progress
+    ) -> None:
+        """Change the best motion at random so many times; each change that improves it
+        stays. Nothing is done without a motion to begin with."""
+        # Size of a change as a share of the ranges: larger after a success, smaller after
+        # a failure, so that about one change in five succeeds.
+        reach = 0.3
+        low, high = self.range
+        for k in range(iterations if self.trajectory is not None else 0):
+            plan = _changed(rng, self.plan, low, high, reach)
+            is_better = self.improve(plan)
+            reach = min(0.5, reach * 1.3) if is_better else max(0.02, reach * 0.93)
+            distance = self.value**0.5
+            progress(
+                f"separating: {k + 1} of {iterations} changes, delta {distance:.2f}"
+            )
 
     def improve(self, plan: _Plan) -> bool:
         """Judge the motion of a plan; keep it if it is allowed and the best so far.

@@ -16,7 +16,7 @@ together: each law at each delay is a small problem.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -92,9 +92,14 @@ class _Terms(Effect):
         return [Block(j, indices + self.count * j, columns[:, j]) for j in self.joints]
 
 
-#: One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold
-#: what training says, those trained on and those tested.
-_Joint = tuple[Array, list[tuple[Array, Array]]]
+class _JointTerms(NamedTuple):
+    """One joint's servo terms, of which the load's columns explain nothing."""
+
+    #: (r, 7) terms of all rows, compressed.
+    terms: Array
+    #: For each fold of the motion the terms that are trained on and those that are
+    #: tested, (r, 7) and (s, 7); the load's coefficients are those of training.
+    folds: list[tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -144,61 +149,76 @@ def find_law(
     """
     wide_load = _with_several_turns(load)
     split = phase_folds(runs.measurements, runs.settings, c.SHAPE_FOLDS)
-    about = delay or 0.0  # delay [s] of the compressed terms; each law adds its extra
-    cells = _cells(wide_load, runs, split, about)
+    delay_of_terms = delay or 0.0  # [s]; each law adds its extra delay
+    cells = _cells(wide_load, runs, split, delay_of_terms)
     terms = _loadless_terms(cells, split)
     first_terms = terms
     while True:
         extra = dict.fromkeys(names, 0.0)
         if delay is None:
-            extra = {name: _extra_delay(terms, name, about) for name in names}
+            extra = {name: _extra_delay(terms, name, delay_of_terms) for name in names}
         scores = {name: _held_out_score(terms, name, extra[name]) for name in names}
         chosen, best = _fewest_gains(scores)
-        total = about + extra[chosen]
+        total_delay = delay_of_terms + extra[chosen]
         # The end of the series' reach (5 % off): the delay may lie beyond.
         is_inside = abs(extra[chosen]) < 0.95 * c.DELAY_REACH
-        if is_inside or total > 0.95 * LATEST:
+        if is_inside or total_delay > 0.95 * LATEST:
             break
-        about = total
-        cells = _cells(wide_load, runs, split, about)
+        delay_of_terms = total_delay
+        cells = _cells(wide_load, runs, split, delay_of_terms)
         terms = _loadless_terms(cells, split)
     if delay is None:
         without_delay = _held_out_score(first_terms, chosen, 0.0)
         rise = float(np.mean(without_delay - scores[chosen]))
         if rise <= np.log(c.FEWER_GAINS):
-            total = 0.0
+            total_delay = 0.0
     # Scores are logarithms of squares: half of a difference is that of the errors.
-    ratios = {
+    error_ratios = {
         name: float(np.exp(0.5 * np.mean(score - scores[best])))
         for name, score in scores.items()
     }
     has_lead = _has_lead(
-        cells, split, name=chosen, score=scores[chosen], T=about, is_open=delay is None
+        cells,
+        split,
+        law=chosen,
+        score=scores[chosen],
+        delay_of_terms=delay_of_terms,
+        is_delay_open=delay is None,
     )
-    return ServoLaw(chosen, total, has_lead, ratios)
+    return ServoLaw(chosen, total_delay, has_lead, error_ratios)
 
 
 def _has_lead(
     cells: Regression,
     split: PhaseFolds,
     *,
-    name: str,
+    law: str,
     score: Array,
-    T: float,
-    is_open: bool,
+    delay_of_terms: float,
+    is_delay_open: bool,
 ) -> bool:
     """Decide whether the dry friction turns round before or after the velocity does.
 
     It does where the lead's columns lower the law's held-out error by more than LEAD,
-    and by more than two standard errors. ``score`` (folds,) is the law's with these
-    columns. The delay T [s] of the terms is found anew without them if it is open.
+    and by more than two standard errors.
+
+    Parameters
+    ----------
+    law : str
+        Name of the law.
+    score : (folds,) array
+        The law's held-out score with the lead's columns (:func:`_held_out_score`).
+    delay_of_terms : float
+        Delay of the command in the compressed terms [s].
+    is_delay_open : bool
+        Whether the delay is found anew without the lead's columns.
     """
     is_lead = np.array([p.effect == LEAD for p in cells.parameters])
     if not is_lead.any():
         return False
     terms = _loadless_terms(cells.keeping(~is_lead), split)
-    extra = _extra_delay(terms, name, T) if is_open else 0.0
-    rise = _held_out_score(terms, name, extra) - score
+    extra = _extra_delay(terms, law, delay_of_terms) if is_delay_open else 0.0
+    rise = _held_out_score(terms, law, extra) - score
     standard_error = float(rise.std(ddof=1)) / np.sqrt(len(rise))
     return float(rise.mean()) > max(2.0 * np.log(c.LEAD), 2.0 * standard_error)
 
@@ -251,15 +271,14 @@ def _cells(
     return compress_cells(runs, model, split)
 
 
-def _loadless_terms(cells: Regression, split: PhaseFolds) -> list[_Joint]:
+def _loadless_terms(cells: Regression, split: PhaseFolds) -> list[_JointTerms]:
     """Project the load out of each joint's servo terms.
 
     A servo's law relates its seven terms (command, position, their derivatives and
     integrals) and the load's torque. Least squares removes the load's columns, so that
-    laws can be compared by the terms alone. Returns for each joint the terms (r, 7) of
-    all rows, and for each fold of the motion (training terms, test terms).
+    laws can be compared by the terms alone.
     """
-    out = []
+    terms_of_joints = []
     for joint in range(cells.joints):
         # Rows (r, k + 7) of each block: k columns of the load, 7 terms; the torque (the
         # last column) is zero in such a log.
@@ -276,8 +295,8 @@ def _loadless_terms(cells: Regression, split: PhaseFolds) -> list[_Joint]:
                 folds.append(_project_out_load(np.vstack(train), np.vstack(test)))
         all_rows = np.vstack(list(rows_of_block.values()))
         all_terms, _ = _project_out_load(all_rows, all_rows)
-        out.append((all_terms, folds))
-    return out
+        terms_of_joints.append(_JointTerms(all_terms, folds))
+    return terms_of_joints
 
 
 def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
@@ -306,32 +325,34 @@ def _residual_combination(terms: Array, law: Array) -> Array:
     return law[:, 0] - law[:, 1:] @ gains
 
 
-def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
+def _extra_delay(
+    joints: Sequence[_JointTerms], name: str, delay_of_terms: float
+) -> float:
     """Return the delay [s], beyond that of the terms, with the smallest residual of a
     law.
 
-    ``name`` is the law, ``about`` the delay of the terms [s]. The result lies within
-    the reach of Taylor's series of the command, and the sum of both between 0 and
-    LATEST.
+    The result lies within the reach of Taylor's series of the command, and the sum of
+    both delays between 0 and LATEST. ``name`` is the law's.
     """
 
     def log_residual(delay: float) -> float:
         """Return the sum over joints of the logarithm of the squared residual."""
         law = law_of_terms(name, delay)
         losses = [
-            np.sum((rows @ _residual_combination(rows, law)) ** 2) for rows, _ in joints
+            np.sum((joint.terms @ _residual_combination(joint.terms, law)) ** 2)
+            for joint in joints
         ]
         return float(np.sum(np.log(at_least_tiny(losses))))
 
-    smallest = max(-c.DELAY_REACH, -about)
-    largest = min(c.DELAY_REACH, LATEST - about)
+    smallest = max(-c.DELAY_REACH, -delay_of_terms)
+    largest = min(c.DELAY_REACH, LATEST - delay_of_terms)
     minimum = scipy.optimize.minimize_scalar(
         log_residual, bounds=(smallest, largest), method="bounded"
     )
     return float(minimum.x)
 
 
-def _held_out_score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
+def _held_out_score(joints: Sequence[_JointTerms], name: str, delay: float) -> Array:
     """Return (folds,) the logarithm of a law's squared held-out error, mean over
     joints.
 
@@ -342,9 +363,9 @@ def _held_out_score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
     squared_errors = [
         [
             np.sum((test @ _residual_combination(train, law)) ** 2)
-            for train, test in folds
+            for train, test in joint.folds
         ]
-        for _, folds in joints
+        for joint in joints
     ]
     return np.mean(np.log(at_least_tiny(squared_errors)), axis=0)
 
@@ -606,7 +627,11 @@ def find_limited_drives(model: Model, theta: Array, runs: FilteredRuns) -> list[
 
 def _is_limited(demand: Array, missing: Array) -> bool:
     """Decide whether a drive's torque is limited, from the torque (N,) that its law
-    demands, and the torque (N,) of the load less that demand."""
+    demands, and the torque (N,) of the load less that demand.
+
+    For each of LIMIT_LEVELS as a share of the largest demand, the missing torque is
+    compared with minus what the demand exceeds this limit by.
+    """
     squared = float(missing @ missing)
     if squared == 0.0:
         return False
@@ -614,7 +639,7 @@ def _is_limited(demand: Array, missing: Array) -> bool:
     for level in c.LIMIT_LEVELS:
         size = np.maximum(np.abs(demand) - level * largest, 0.0)
         excess = np.sign(demand) * size
-        size_of_excess = float(excess @ excess)
+        squared_excess = float(excess @ excess)
         is_above = size > 0.0
         if not is_above.any() or is_above.all():
             continue
@@ -624,8 +649,8 @@ def _is_limited(demand: Array, missing: Array) -> bool:
         if squared_above < c.LIMIT_RATIO**2 * squared_below:
             continue
         product = float(excess @ missing)
-        missing_share = -product / size_of_excess
-        explained = product**2 / (size_of_excess * squared)
+        missing_share = -product / squared_excess
+        explained = product**2 / (squared_excess * squared)
         if missing_share >= c.LIMIT_MISSING and explained >= c.LIMIT_EXPLAINS:
             return True
     return False

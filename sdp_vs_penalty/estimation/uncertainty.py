@@ -54,7 +54,7 @@ class Sandwich:
     - ``grams`` (B, r, r) and ``scores`` (B, r): A^T A and A^T residual of each of the B
       blocks of time, with columns A = Y V.
     - ``kernel`` (B, B): how far the errors of two blocks are one error.
-    - ``white``: variance of a row if the noise is white; ``pooled``: the one that all
+    - ``white_variance``: of a row if the noise is white; ``pooled_variance``: the one that all
       directions together show.
     - ``prior`` (r, r): the part of the information that no data brought.
     - ``norms`` (p,): sizes of the columns.
@@ -66,7 +66,7 @@ class Sandwich:
         regression: Regression,
         weights: Array,
         prior_scale: Array,
-        taken_white: bool = False,
+        is_white: bool = False,
     ) -> None:
         """Compute what the sandwich covariance of weighted least squares is made of.
 
@@ -84,16 +84,18 @@ class Sandwich:
         prior_scale : (p,) array
             Prior standard deviation of each parameter about zero; infinite without a
             prior.
-        taken_white : bool
+        is_white : bool
             Take the noise for white: use its variance instead of the blocks' scores.
         """
         self.regression = regression
         self.weights = weights
-        self.taken_white = taken_white
+        self.is_white = is_white
         data = regression.least_squares(weights)
-        self.white = white_variance(data, regression.oversampling)
+        self.white_variance = white_variance(data, regression.oversampling)
         # Where the torque is fitted to rounding, a prior weighs that much and no less.
-        strength = max(self.white, 1e-24 * data.tau_squared / max(data.rows, 1))
+        strength = max(
+            self.white_variance, 1e-24 * data.tau_squared / max(data.rows, 1)
+        )
         factor_rows = (
             data.with_prior(prior_scale, strength)
             if np.any(np.isfinite(prior_scale))
@@ -116,9 +118,9 @@ class Sandwich:
         traces = np.trace(self.grams, axis1=1, axis2=2)
         expected = float(np.sum(traces) - np.sum(self.grams**2))
         inflation = 1.0
-        if expected > 1e-6 * r and self.white > 0.0:
-            inflation = float(np.sum(self.scores**2)) / expected / self.white
-        self.pooled = inflation * self.white
+        if expected > 1e-6 * r and self.white_variance > 0.0:
+            inflation = float(np.sum(self.scores**2)) / expected / self.white_variance
+        self.pooled_variance = inflation * self.white_variance
         self.kernel = _kernel(regression, inflation)
         self.prior = V.T * (strength / prior_scale**2) @ V
         self.norms = factor_rows.column_norms
@@ -146,6 +148,9 @@ class Sandwich:
     def half_widths(self, contrasts: Array) -> Array:
         """Return half-widths of the 95 % intervals of linear functions of theta.
 
+        half-width^2 = t^2 (variance by noise) + 1.96^2 (variance by the prior), t
+        Student's quantile for the degrees of freedom of the first.
+
         Parameters
         ----------
         contrasts : (k, q) array
@@ -160,7 +165,7 @@ class Sandwich:
         contrasts = np.pad(
             contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1]))
         )
-        half = np.full(len(contrasts), np.nan)
+        half_widths = np.full(len(contrasts), np.nan)
         determined = np.flatnonzero(self.sees(contrasts))
         # Chunks of the functions bound the memory of the blocks' products.
         largest_chunk = 1 << 20
@@ -168,11 +173,12 @@ class Sandwich:
         for chunk in np.array_split(determined, 1 + products // largest_chunk):
             w = contrasts[chunk] @ self.directions
             variance, freedom = self._variances(w)
-            prior_variance = self.white * np.sum((w @ self.prior) * w, axis=1)
+            prior_variance = self.white_variance * np.sum((w @ self.prior) * w, axis=1)
             t = scipy.special.stdtrit(freedom, 0.5 + 0.5 * LEVEL)
             normal = scipy.special.stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
-            half[chunk] = np.sqrt(t**2 * variance + normal**2 * prior_variance)
-        return half
+            squared = t**2 * variance + normal**2 * prior_variance
+            half_widths[chunk] = np.sqrt(squared)
+        return half_widths
 
     def _variances(self, w: Array) -> tuple[Array, Array]:
         """Return variance and degrees of freedom (c,) of the estimates of w' z.
@@ -183,9 +189,9 @@ class Sandwich:
         POOLED degrees of freedom of the variance that all directions share are added
         (moderated t).
         """
-        if self.taken_white:
+        if self.is_white:
             prior = np.sum((w @ self.prior) * w, axis=1)
-            variance = self.white * (np.sum(w * w, axis=1) - prior)
+            variance = self.white_variance * (np.sum(w * w, axis=1) - prior)
             return variance, np.full(len(w), np.inf)
         information, trace, trace_of_square = self._kernel_traces(w)
         h = w @ self.scores.T  # (c, B) scores of each function
@@ -196,7 +202,7 @@ class Sandwich:
         safe_square = np.where(is_usable, trace_of_square, 1.0)
         freedom = np.where(is_usable, safe_trace**2 / safe_square, 0.0)
         of_data = freedom * estimates / safe_trace
-        moderated = (POOLED * self.pooled + of_data) / (POOLED + freedom)
+        moderated = (POOLED * self.pooled_variance + of_data) / (POOLED + freedom)
         return moderated * information, freedom + POOLED
 
     def _kernel_traces(self, w: Array) -> tuple[Array, Array, Array]:
@@ -236,20 +242,21 @@ class Sandwich:
         (white noise): the more, the more directions there are for each independent
         window of time.
         """
-        B, r = self.scores.shape  # blocks of time, visible directions
-        flat = self.grams.reshape(B, -1)
-        # Scores lose what the estimate has taken up; data / (data - lost) restores it.
-        lost = float(np.sum((self.kernel @ flat) * flat))
-        data = r - float(np.trace(self.prior))
-        n_windows = B**2 / max(float(self.kernel.sum()), 1.0)
-        covariance = self.pooled * np.eye(r)  # of the scores
-        if data - lost > 1e-6 * data:
+        n_blocks, r = self.scores.shape
+        # Degrees of freedom that the data give the r directions, and those of them that
+        # the estimate has taken out of the scores: free / (free - taken) restores these.
+        free = r - float(np.trace(self.prior))
+        flat = self.grams.reshape(n_blocks, -1)
+        taken = float(np.sum((self.kernel @ flat) * flat))
+        n_windows = n_blocks**2 / max(float(self.kernel.sum()), 1.0)
+        covariance = self.pooled_variance * np.eye(r)  # of the scores
+        if free - taken > 1e-6 * free:
             products = self.scores.T @ (self.kernel @ self.scores)
-            products = products * (data / (data - lost))
-            share = r / (r + n_windows)
-            covariance = share * covariance + (1.0 - share) * products
-        values, vectors = np.linalg.eigh(covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
+            products = products * (free / (free - taken))
+            pooled_share = r / (r + n_windows)
+            covariance = pooled_share * covariance + (1.0 - pooled_share) * products
+        eigenvalues, vectors = np.linalg.eigh(covariance)
+        root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
         return self.directions @ root
 
     def response(self, torques: Sequence[Array]) -> Array:
@@ -266,16 +273,13 @@ class Sandwich:
         (p, e) array
             Change of theta for each of the e changes.
         """
-        scores = np.zeros(
-            (self.directions.shape[1], torques[0].shape[1] if torques else 0)
-        )
-        for f, torque in zip(self.regression.factors, torques, strict=True):
-            weighted = (
-                self.weights[f.joint] ** 2
-                * f.triangle[:, :-1]
-                @ self.directions[f.indices]
-            )
-            scores += weighted.T @ torque
+        n_changes = torques[0].shape[1] if torques else 0
+        scores = np.zeros((self.directions.shape[1], n_changes))
+        for factor, torque in zip(self.regression.factors, torques, strict=True):
+            columns = factor.triangle[:, :-1]  # without the measured torque
+            squared_weight = self.weights[factor.joint] ** 2
+            visible = squared_weight * columns @ self.directions[factor.indices]
+            scores += visible.T @ torque
         return self.directions @ scores
 
     def gain_response(self, theta: Array) -> Array:
@@ -297,10 +301,10 @@ class Sandwich:
         all_values = np.pad(theta, (0, len(self.norms) - len(theta)))
         identity = np.eye(self.regression.joints)
         added_torques = []
-        for f in self.regression.factors:
-            # A triangle is [Y tau]: its last column is the measured torque.
-            modelled = f.triangle[:, :-1] @ all_values[f.indices]  # (r,)
-            added_torques.append(np.outer(modelled, identity[f.joint]))  # (r, n)
+        for factor in self.regression.factors:
+            columns = factor.triangle[:, :-1]  # without the measured torque
+            modelled = columns @ all_values[factor.indices]  # (r,)
+            added_torques.append(np.outer(modelled, identity[factor.joint]))  # (r, n)
         return self.response(added_torques)
 
 
@@ -405,12 +409,13 @@ def unit_by(unit: str, torque: str) -> str:
     return f"{unit}*{torque}/(N*m)"
 
 
-def named_by_source(interval: Interval, source: str) -> Interval:
-    """Return an interval whose verdict agrees with what determines the value.
+def agreeing_with_source(interval: Interval, source: str) -> Interval:
+    """Return an interval whose verdict agrees with what determines the value: its
+    ``source`` "data", "given", "prior" or "bounds".
 
-    What prior or bounds determine is not seen, however narrow the data's interval; what
-    the data determine is seen, weakly at least. Known values keep their verdict, as do
-    parameters whose standard deviation is unknown.
+    A value by prior or bounds is "not seen", however narrow the data's interval; one by
+    the data is "weakly" seen at least. Given values keep their verdict, as do parameters
+    whose standard deviation is unknown.
     """
     if source == "given" or np.isnan(interval.std):
         return interval
@@ -428,7 +433,7 @@ def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     dict of str to int
         Number by verdict: "identifiable", "weakly", "not seen".
     """
-    verdicts = [i.verdict for i in intervals]
+    verdicts = [interval.verdict for interval in intervals]
     return {verdict: verdicts.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
 
 
@@ -555,11 +560,11 @@ class Uncertainty(JsonRecord):
         standard = with_new_gains(self.standard, self.gain_response)
         return replace(self, standard=standard, base=combined, gain_errors=errors)
 
-    def named_by_sources(
+    def agreeing_with_sources(
         self, undetermined: Mapping[str, str], base_parameters: Sequence[Any]
     ) -> Uncertainty:
         """Return the uncertainty with verdicts that agree with what determines each
-        parameter (:func:`named_by_source`), as an estimate's report says it."""
+        parameter (:func:`agreeing_with_source`), as an estimate's report says it."""
         base = {entry.name: entry.source for entry in base_parameters}
 
         def with_verdicts(
@@ -567,7 +572,7 @@ class Uncertainty(JsonRecord):
         ) -> tuple[Interval, ...]:
             """Return intervals with the verdicts of their sources; others are data."""
             return tuple(
-                named_by_source(x, source_by_name.get(x.name, "data"))
+                agreeing_with_source(x, source_by_name.get(x.name, "data"))
                 for x in intervals
             )
 
@@ -691,25 +696,21 @@ def _with_stds(intervals: Sequence[Interval], std: Array) -> tuple[Interval, ...
 
     A lower end at zero is a physical bound and stays.
     """
-    out = []
+    widened = []
     for interval, new_std in zip(intervals, std.tolist(), strict=True):
         if np.isnan(new_std):
-            out.append(interval)
+            widened.append(interval)
             continue
-        more = NORMAL_95 * (new_std - interval.std)
+        added = NORMAL_95 * (new_std - interval.std)
         is_bound = interval.lower == 0.0
-        wider = replace(
-            interval,
-            std=new_std,
-            lower=interval.lower if is_bound else interval.lower - more,
-            upper=interval.upper + more,
-        )
-        out.append(wider)
-    return tuple(out)
+        lower = interval.lower if is_bound else interval.lower - added
+        upper = interval.upper + added
+        widened.append(replace(interval, std=new_std, lower=lower, upper=upper))
+    return tuple(widened)
 
 
 def _sandwich_of(
-    task: Task, regression: Regression, taken_white: bool = False
+    task: Task, regression: Regression, is_white: bool = False
 ) -> Sandwich:
     """Return the sandwich of a task's data; errors of shape constants count as
     parameters.
@@ -717,11 +718,11 @@ def _sandwich_of(
     The first p columns of ``regression`` are the task's parameters. Further columns are
     errors of shape constants, with a standard normal prior. A constant that only takes
     values of a grid (ON_A_GRID) counts as exact where the 95 % interval of its error
-    holds zero, and its column is left out. ``taken_white``: take the noise for white.
+    holds zero, and its column is left out. ``is_white``: take the noise for white.
     """
     n_constants = regression.p - len(task.bound)
     prior_std = np.append(task.model.plausible, np.ones(n_constants))
-    sandwich = Sandwich(regression, task.weights, prior_std, taken_white)
+    sandwich = Sandwich(regression, task.weights, prior_std, is_white)
     on_a_grid = np.flatnonzero([q.effect == ON_A_GRID for q in regression.parameters])
     if not len(on_a_grid):
         return sandwich
@@ -731,9 +732,7 @@ def _sandwich_of(
     keep[on_a_grid[errors <= half_widths]] = False
     if keep.all():
         return sandwich
-    return Sandwich(
-        regression.keeping(keep), task.weights, prior_std[keep], taken_white
-    )
+    return Sandwich(regression.keeping(keep), task.weights, prior_std[keep], is_white)
 
 
 def linear_spread(
@@ -793,22 +792,22 @@ def regression_uncertainty(
 def _intervals(
     task: Task,
     value: Array,
-    known: Sandwich,
+    sandwich: Sandwich,
     gain_errors: Array | None,
     constrained: bool = False,
 ) -> _Intervals:
     """Return what intervals are made of, as :func:`regression_uncertainty` takes it."""
     p = len(task.bound)
-    gains = known.gain_response(value)[:p]
+    gains = sandwich.gain_response(value)[:p]
     # A drive's known gain, from a load, scales with its channel.
     for k, gain in task.model.known_values.items():
         if task.model.drives[k]:
             gains[k, task.model.parameters[k].joint - 1] = gain
     # Without errors of the gains, and of another kind: factors of width zero.
     if gain_errors is None:
-        gain_errors = np.zeros((known.regression.joints, 0))
+        gain_errors = np.zeros((sandwich.regression.joints, 0))
     ends = _allowed(task) if constrained else np.outer([-np.inf, np.inf], np.ones(p))
-    return _Intervals(task, value, known, ends, np.zeros((p, 0)), gains, gain_errors)
+    return _Intervals(task, value, sandwich, ends, np.zeros((p, 0)), gains, gain_errors)
 
 
 def _allowed(task: Task) -> Array:
@@ -837,7 +836,7 @@ class _Intervals:
     #: (p,) the estimate.
     value: Array
     #: Sandwich covariance of what the data determine.
-    known: Sandwich
+    sandwich: Sandwich
     #: (2, p) lower and upper end of what is allowed of each parameter.
     ends: Array
     #: (p, e) factor of the covariance of a further, independent error of theta.
@@ -856,10 +855,10 @@ class _Intervals:
         parameters'. Zero if the regression has none.
         """
         p = len(self.task.bound)
-        if self.known.regression.p <= p:
+        if self.sandwich.regression.p <= p:
             return np.zeros(p)
         data = self.task.data
-        return self.known.solution[:p] - min_norm_lstsq(data.R, data.rho)
+        return self.sandwich.solution[:p] - min_norm_lstsq(data.R, data.rho)
 
     @cached_property
     def _largest(self) -> Array:
@@ -887,7 +886,7 @@ class _Intervals:
         return Uncertainty(
             standard=self.intervals(BaseParameters(np.eye(p), names, list(range(p)))),
             base=self.intervals(base),
-            spread=np.hstack([self.known.factor[:p], self.extra]),
+            spread=np.hstack([self.sandwich.factor[:p], self.extra]),
             gain_response=self.gains,
             torque_noise=np.sqrt(mean_squares),
             gain_errors=self.gain_errors,
@@ -905,7 +904,7 @@ class _Intervals:
         free_rows = rows.copy()
         free_rows[:, list(self.task.model.known_values)] = 0.0
         is_known = rows.any(axis=1) & ~free_rows.any(axis=1)
-        noise = self.known.half_widths(free_rows) / NORMAL_95
+        noise = self.sandwich.half_widths(free_rows) / NORMAL_95
         noise = np.where(is_known, 0.0, np.hypot(noise, free_rows @ self._offset))
         errors_of_gains = rows @ self.gains @ self.gain_errors
         other = np.hstack([rows @ self.extra, errors_of_gains])
@@ -1015,49 +1014,62 @@ def beside_held(
     k = len(theta)
     wide = regression.given_first(fixed)
     sandwich = _sandwich_of(task, wide)
-    everything = np.zeros(regression.p)
-    everything[: len(fixed) + k] = np.concatenate([fixed, theta])
-    # Torque errors that errors of the fixed model, and of the gains, leave for the new
-    # effects to explain, in the rows of each factor.
-    torque_by_spread = []
-    torque_by_gain = []
-    for factor in regression.factors:
-        rows = factor.triangle[:, :-1]
-        is_held = factor.indices < len(fixed)
-        held_rows = rows[:, is_held]
-        held_indices = factor.indices[is_held]
-        torque_by_spread.append(-held_rows @ held_uncertainty.spread[held_indices])
-        # A gain's error scales the joint's torque, and has changed the fixed model.
-        torque = -held_rows @ held_uncertainty.gain_response[held_indices]
-        torque[:, factor.joint] += rows @ everything[factor.indices]
-        torque_by_gain.append(torque)
-    extra = sandwich.response(torque_by_spread)[:k]
-    gains = sandwich.response(torque_by_gain)[:k]
+    all_values = np.zeros(regression.p)
+    all_values[: len(fixed) + k] = np.concatenate([fixed, theta])
+    by_spread, by_gains = _torque_left_by_errors(
+        regression, len(fixed), held_uncertainty, all_values
+    )
+    extra = sandwich.response(by_spread)[:k]
+    gains = sandwich.response(by_gains)[:k]
     regression_of_new = wide.keeping(np.arange(wide.p) < k)
     gain_errors = held_uncertainty.gain_errors
     intervals = _Intervals(
         task, theta, sandwich, _allowed(task), extra, gains, gain_errors
     )
     new_uncertainty = intervals.uncertainty(regression_of_new, base)
-    # The last columns of the new spread are the errors that the old spread causes.
-    noise_spread, spread_by_held = np.split(
-        new_uncertainty.spread,
-        [new_uncertainty.spread.shape[1] - extra.shape[1]],
-        axis=1,
+    return _joined(held_uncertainty, new_uncertainty, extra.shape[1])
+
+
+def _torque_left_by_errors(
+    regression: Regression, n_fixed: int, fixed: Uncertainty, all_values: Array
+) -> tuple[list[Array], list[Array]]:
+    """Return the torque that errors of a fixed model leave for new effects to explain, in
+    the rows of each factor: (r, e) for each column of the model's spread, and (r, n) for
+    a unit relative error of each torque channel's gain.
+
+    The first ``n_fixed`` parameters are the fixed model's; ``all_values`` (p,) are the
+    values of all.
+    """
+    by_spread = []
+    by_gains = []
+    for factor in regression.factors:
+        columns = factor.triangle[:, :-1]
+        is_fixed = factor.indices < n_fixed
+        fixed_columns = columns[:, is_fixed]
+        fixed_indices = factor.indices[is_fixed]
+        by_spread.append(-fixed_columns @ fixed.spread[fixed_indices])
+        # A gain's error scales the joint's torque, and has changed the fixed model.
+        torque = -fixed_columns @ fixed.gain_response[fixed_indices]
+        torque[:, factor.joint] += columns @ all_values[factor.indices]
+        by_gains.append(torque)
+    return by_spread, by_gains
+
+
+def _joined(fixed: Uncertainty, new: Uncertainty, n_extra: int) -> Uncertainty:
+    """Return the uncertainty of a fixed model's parameters and those of new effects.
+
+    The last ``n_extra`` columns of the new spread are the errors that the fixed model's
+    spread causes: [[fixed, 0], [new by fixed, new by noise]] is the common factor of the
+    covariance.
+    """
+    new_by_noise, new_by_fixed = np.split(
+        new.spread, [new.spread.shape[1] - n_extra], axis=1
     )
-    # The common factor of the covariance: [[held, 0], [new by held, new noise]].
-    above = np.hstack(
-        [
-            held_uncertainty.spread,
-            np.zeros((len(held_uncertainty.spread), noise_spread.shape[1])),
-        ]
-    )
+    zeros = np.zeros((len(fixed.spread), new_by_noise.shape[1]))
     return replace(
-        new_uncertainty,
-        standard=held_uncertainty.standard + new_uncertainty.standard,
-        base=held_uncertainty.base + new_uncertainty.base,
-        spread=np.vstack([above, np.hstack([spread_by_held, noise_spread])]),
-        gain_response=np.vstack(
-            [held_uncertainty.gain_response, new_uncertainty.gain_response]
-        ),
+        new,
+        standard=fixed.standard + new.standard,
+        base=fixed.base + new.base,
+        spread=np.block([[fixed.spread, zeros], [new_by_fixed, new_by_noise]]),
+        gain_response=np.vstack([fixed.gain_response, new.gain_response]),
     )

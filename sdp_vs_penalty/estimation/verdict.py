@@ -149,19 +149,17 @@ class Verdict(JsonRecord):
         reasons = " ".join(str(line) for line in self.lines)
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
 
-    def with_missing(self, said: str, has_open_finding: bool) -> Verdict:
+    def with_missing(self, sentence: str, has_open_finding: bool) -> Verdict:
         """Return the verdict with a diagnosis's sentence on missing effects.
 
-        A verdict has lines (fit, prediction, missing effects), each with a grade and a
-        sentence. ``said`` replaces what the line on missing effects said before, from
-        the errors alone or of an earlier diagnosis. With ``has_open_finding`` (the
-        diagnosis found an effect that the model lacks) that line is at most "usable".
+        It replaces the sentence of the line MISSING, whose grade becomes "good" only if
+        the line FIT is good and no finding is open: one that the model lacks.
         """
         is_good_fit = any(
             line.about == FIT and line.grade == "good" for line in self.lines
         )
         missing = _missing_line(
-            said,
+            sentence,
             is_complete=is_good_fit and not has_open_finding,
             links=self.links,
             links_are_possible=self.links_are_possible,

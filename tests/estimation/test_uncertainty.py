@@ -108,13 +108,17 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
     scale = np.where(
         np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02
     )
-    found = Sandwich(data, weights, scale, taken_white=True)
+    found = Sandwich(data, weights, scale, is_white=True)
     R = data.least_squares(weights).R
     rows = base_rows(model, two_link.independent).rows
     unit = 1.0 / np.maximum(np.linalg.norm(R, axis=0), 1e-9)
-    information = (R * unit).T @ (R * unit) + found.white * np.diag((unit / scale) ** 2)
+    information = (R * unit).T @ (R * unit) + found.white_variance * np.diag(
+        (unit / scale) ** 2
+    )
     expected = (
-        found.white * (rows * unit) @ np.linalg.pinv(information, 1e-9, hermitian=True)
+        found.white_variance
+        * (rows * unit)
+        @ np.linalg.pinv(information, 1e-9, hermitian=True)
     )
     expected = NORMAL_95 * np.sqrt(np.sum(expected * (rows * unit), axis=1))
     assert_allclose(found.half_widths(rows), expected, rtol=1e-5)
