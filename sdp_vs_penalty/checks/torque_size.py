@@ -42,7 +42,7 @@ _TENTHS = {"kgf cm": NAMED["kgfcm"], "lbf in": NAMED["lbfin"]}
 _OF_CURRENTS = 300.0
 #: What stands for the share of effort limits where there are none.
 _NO_LIMIT = -1.0
-_CORRECT_MASSES = "if right, correct the problem's masses"
+_CORRECT_MASSES = "if right, correct the robot file's masses"
 #: The explanation that torques are in another unit.
 of_torque_unit = partial(
     make_explanation, "torque unit", in_doubt="torque unit", is_torque_unit=True
@@ -216,7 +216,7 @@ def _issues_of_size(
     if is_wrong and smallest_share <= size.over <= largest_share:
         if units := _small_units(size):
             yield of_unit(
-                f"{are}they are in {' or '.join(units)}, or the problem's masses are"
+                f"{are}they are in {' or '.join(units)}, or the robot file's masses are"
                 " wrong.",
                 remedy=f"say the unit; {_CORRECT_MASSES}",
                 changes=by_unit,
@@ -226,9 +226,9 @@ def _issues_of_size(
         yield of_size(
             "masses of the problem",
             in_doubt="masses of the problem",
-            what=f"{are}the problem's masses are wrong: the torques reach what torques do,"
+            what=f"{are}the robot file's masses are wrong: the torques reach what torques do,"
             f" {100.0 * size.over:.0f} % of the joints' effort limits.",
-            remedy="correct total_mass in problem.toml (the inertials of a URDF)",
+            remedy="correct the masses of the robot's file",
             certainty=_BY_SIZE,
             where="the problem",
         )

@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.findings import (
     constants_in_words,
     named_on_joints,
 )
-from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
+from sdp_vs_penalty.effects.plain_words import ON_THE_ARM, written_in_words
 from sdp_vs_penalty.estimation.verdict import LOG
 from sdp_vs_penalty.exporters.export import FILES_TO_TAKE
 from sdp_vs_penalty.page.model_step import joints_of
@@ -411,6 +411,14 @@ def _report(view: View) -> NextStep:
     return NextStep("", "Download the report", "use", do)
 
 
+def _use_as_it_is(view: View) -> NextStep:
+    """Return the step for a model to which nothing is to be added: its report, then a test
+    on a run that nothing was chosen by."""
+    if "report.html" not in view.session.taken:
+        return _report(view)
+    return NextStep("", "Test it on a new run", "measure", opens="drop-runs")
+
+
 def _without_remedy(session: Session, diagnosis: Diagnosis) -> tuple[str, str]:
     """Return what a diagnosis that adds nothing has found, and why; of an error beyond the
     noise what it follows."""
@@ -447,14 +455,12 @@ def _of_unexplained(
     more = _sentences(known["more"], _AS_FAR_AS_IT_GOES)
     words = f"Or {motion.label[:1].lower()}{motion.label[1:]}"
     other = replace(motion, text="", label=words)
-    if "report.html" in view.session.taken:
-        test = NextStep("", "Test it on a new run", "measure", opens="drop-runs")
-        return replace(test, **{**known, "text": text, "more": more, "other": other})
-    return replace(
-        _report(view), **{**known, "text": text, "more": more, "other": other}
-    )
+    how = {"text": text, "more": more, "other": other}
+    return replace(_use_as_it_is(view), **{**known, **how})
 
 
+#: What is said of what was found beside an error that it does not lower.
+_LOWERS_IT_NOT = "What was found does not lower that."
 #: What is said of a model that can be used, and for which nothing is left to do.
 _AS_FAR_AS_IT_GOES = (
     "This is as far as these runs lead: the model can be used as it is, with this error."
@@ -523,9 +529,8 @@ def _to_add(
     if outcome := diagnosis.outcome_of(remedy):
         is_idle |= level != "bad" and not outcome.falls(session.current.worst_joint)
         n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
-        measured = formatting.sentence(measured_on(session))
         words = outcome.in_words(session.current.worst_joint)
-        number = f"{measured}: with {n_added}, {words}."
+        number = f"On data left out, with {n_added}: {words}."
     do = partial(session.start, session.apply, change.to_dict())
     said: dict[str, Any] = {
         "text": text,
@@ -534,10 +539,16 @@ def _to_add(
         "more": _sentences(beside),
         "outcome": _outcome_in_brief(session, remedy),
     }
-    if is_idle and "report.html" not in session.taken:
+    if is_idle:
         outcome = said.pop("outcome")
         other = NextStep("", f"Or {change.words}", "diagnose", do, outcome=outcome)
-        return replace(_report(view), other=other, **said)
+        if level != "good":
+            of_model = identified(session)
+            assert of_model is not None  # there is a model
+            found = f"Found: {text[:1].lower()}{text[1:]}"
+            said["more"] = _sentences(found, beside)
+            said["text"] = f"{of_model.word}. {of_model.text} {_LOWERS_IT_NOT}"
+        return replace(_use_as_it_is(view), other=other, **said)
     label = label_of(change.words)
     return NextStep(label=label, stage="diagnose", do=do, other=other, **said)
 
@@ -603,7 +614,9 @@ def _what_is_open(group: Group) -> str:
     if group.is_sum or first.rating in SURE or first.says_open_law:
         return ""
     if first.rivals:
-        return f"; {first.rivals_in_words} would explain it as well"
+        rival, *more = map(written_in_words, first.short_rivals)
+        others = f" and {formatting.count(len(more), 'other')}" if more else ""
+        return f"; {rival}{others} would explain it as well"
     return _OPEN[group.badge]
 
 

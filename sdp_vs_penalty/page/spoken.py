@@ -18,6 +18,7 @@ _STAGES = {
     "`ranges` says": 'under "Between which values?" stands',
     "N*m": "N m",
     " -> ": " → ",
+    "q in deg": "positions in degrees",
     "on training motion": "on motion that it was identified from",
 }
 #: A clause that names a command with options, or an option of one.
