@@ -348,7 +348,7 @@ CERTAIN = {
     ),
     "degrees under our names": (
         lambda x: ours(x.t, np.degrees(x.q), x.tau),
-        "q in deg, since radians would leave the joints' ranges",
+        "q in deg, as radians they leave the joints' ranges",
     ),
     "degrees that are cut": (
         lambda x: {"time": x.t, "pos": np.degrees(x.q) % 360.0, "trq": x.tau},

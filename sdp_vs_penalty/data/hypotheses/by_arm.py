@@ -168,7 +168,7 @@ def with_unit_of_positions(
     words = best.words + (", lengths in mm" if np.any(lengths != 1.0) else "")
     why = f"the arm leaves {formatting.percent(of_best.share, 2)} of the torques"
     if is_impossible:  # the same in all runs, so that it is said once
-        why = "since radians would leave the joints' ranges"
+        why = "as radians they leave the joints' ranges"
     odds_of_gears = 0.0
     has_other_angles = np.any(best.scale[turning] != 1.0)
     if is_explained and has_other_angles and best.words != of_others:
