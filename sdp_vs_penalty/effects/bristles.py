@@ -58,12 +58,14 @@ class Bristles:
             (N, k) states in [-1, 1].
         """
         states = np.empty((len(self.distances), len(motion.t)))
-        for z, row, d in zip(states, self.directions, self.distances, strict=True):
-            z[:] = self.law(motion.legs_along(row), d, float(motion.sign_along(row)[0]))
+        for i, ratios in enumerate(self.directions):
+            path = motion.legs_along(ratios)
+            start = float(motion.sign_along(ratios)[0])
+            states[i] = self.law(path, self.distances[i], start)
         return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:
-        """Advance the states by one displacement without reversal.
+        """Return the states after one displacement without reversal.
 
         With x = travel along each direction over its distance d: a spring and slider
         (``stop``) gives z + x, cut off at +-1; Dahl's law gives s + (z - s) exp(-|x|),
@@ -81,11 +83,11 @@ class Bristles:
         Array
             (W, k) states after it.
         """
-        step = travel @ self.directions.T / self.distances
+        x = travel @ self.directions.T / self.distances
         if self.law is stop:
-            return np.clip(z + step, -1.0, 1.0)
-        direction = np.sign(step)
-        return direction + (z - direction) * np.exp(-np.abs(step))
+            return np.clip(z + x, -1.0, 1.0)
+        s = np.sign(x)
+        return s + (z - s) * np.exp(-np.abs(x))
 
 
 class StatefulEffect(Effect):
@@ -248,10 +250,13 @@ class PreslidingHysteresis(StatefulEffect, JointEffect):
         )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        """Return the column z - sign(dq) (N,) of each joint, from the states z (N,
-        k)."""
+        """Return the column z_i - sign(dq_i) (N,) of each of the effect's k joints, from
+        their friction states z (N, k): what Dahl's law adds to Coulomb's."""
         return self.blocks_per_joint(
-            [x - motion.sign(j) for j, x in zip(self.joints, z.T, strict=True)]
+            [
+                state - motion.sign(joint)
+                for joint, state in zip(self.joints, z.T, strict=True)
+            ]
         )
 
 
@@ -365,8 +370,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         return Bristles(directions, np.tile(distances, len(self.joints)), stop)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        """Return the states (N, 3) of each joint as its columns; their mean (N,) with
-        law = even."""
+        """Return the states (N, 3) of each of the effect's k joints as its columns, from
+        z (N, 3 k); their mean (N,) with law = even."""
         by_joint = np.split(z, len(self.joints), axis=1)
         return self.blocks_per_joint(
             [x.mean(axis=1) for x in by_joint] if self.even else by_joint
@@ -400,9 +405,12 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     needs_links = True
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        """Return the column |tau_l| z (N,) of each joint, tau_l being the torque of the
-        links."""
+        """Return the column |tau_l| z_i (N,) of each of the effect's k joints, from their
+        friction states z (N, k); tau_l is the torque of the links."""
         load = np.abs(motion.link_torque)
         return self.blocks_per_joint(
-            [load[:, j] * x for j, x in zip(self.joints, z.T, strict=True)]
+            [
+                load[:, joint] * state
+                for joint, state in zip(self.joints, z.T, strict=True)
+            ]
         )

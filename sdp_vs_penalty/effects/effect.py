@@ -921,7 +921,8 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     """Tell whether an effect's torque depends on the positions alone, or on the
     velocities alone.
 
-    The columns are computed at random states while all other signals change.
+    The columns are computed at random states of this signal, with two values of time and
+    of all other signals: they have to be equal.
 
     Parameters
     ----------
@@ -939,21 +940,21 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     )
     if needs_model or needs_channel or effect.has_memory:
         return False
-    states = np.random.default_rng(0).normal(size=(3, effect.robot.n))
+    values = np.random.default_rng(0).normal(size=(3, effect.robot.n))
 
-    def blocks_with_others_at(value: float) -> list[Block]:
-        """Columns at the states, where time and all other signals have one value."""
-        others = np.full_like(states, value)
+    def blocks_at(value_of_others: float) -> list[Block]:
+        """Compute the columns at three random values of the signal."""
+        others = np.full_like(values, value_of_others)
         return effect.blocks(
             Motion(
                 t=others[:, 0],
-                q=states if signal == "q" else others,
-                dq=states if signal == "dq" else others,
+                q=values if signal == "q" else others,
+                dq=values if signal == "dq" else others,
                 ddq=others,
             )
         )
 
-    pairs = zip(blocks_with_others_at(0.0), blocks_with_others_at(0.7), strict=True)
+    pairs = zip(blocks_at(0.0), blocks_at(0.7), strict=True)
     return all(np.array_equal(a.columns, b.columns) for a, b in pairs)
 
 

@@ -310,7 +310,7 @@ class LinkDeviation(Effect):
     needs_links = True
     signless = True
 
-    def deviated(self, motion: Motion, joint: int) -> Array:
+    def torque_per_deviation(self, motion: Motion, joint: int) -> Array:
         """Compute the torque (N, n) on all joints from one unit of the deviation of one
         joint (from 0), at N instants."""
         raise NotImplementedError
@@ -318,7 +318,9 @@ class LinkDeviation(Effect):
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, k) per unit of deviation of each of the effect's k
         joints."""
-        return np.stack([self.deviated(motion, j) for j in self.joints], axis=2)
+        return np.stack(
+            [self.torque_per_deviation(motion, j) for j in self.joints], axis=2
+        )
 
 
 class JointZeroError(LinkDeviation):
@@ -337,7 +339,7 @@ class JointZeroError(LinkDeviation):
     usual = (0.05, 0.01)  # an arm that was homed by eye
     faults = ("encoder offset",)
 
-    def deviated(self, motion: Motion, joint: int) -> Array:
+    def torque_per_deviation(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of zero error of one joint:
         dID/dq_j."""
         by_q, _, _ = motion.derivatives(joint)
@@ -386,9 +388,11 @@ class GearError(Wave, LinkDeviation):
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, 2 k) per radian or metre of the cosine and the sine
         of each of the effect's k joints."""
-        return np.concatenate([self._waves(motion, j) for j in self.joints], axis=2)
+        return np.concatenate(
+            [self._wave_torques(motion, j) for j in self.joints], axis=2
+        )
 
-    def _waves(self, motion: Motion, joint: int) -> Array:
+    def _wave_torques(self, motion: Motion, joint: int) -> Array:
         """Compute the torque (N, n, 2) per unit of the cosine and the sine of one
         joint's gear (from 0).
 
@@ -400,12 +404,14 @@ class GearError(Wave, LinkDeviation):
         k = self.shape["k"]
         by_q, by_dq, by_ddq = motion.derivatives(joint)
         q, dq, ddq = (x[:, [joint]] for x in (motion.q, motion.dq, motion.ddq))
+        # Factors of the wave itself and of its derivative over k; with cos(k q) these
+        # are cos(k q) and -sin(k q).
         of_wave = by_q - (k * dq) ** 2 * by_ddq
-        of_slope = k * (dq * by_dq + ddq * by_ddq)
-        of_slope[:, joint] += k * motion.link_torque[:, joint]
+        of_derivative = k * (dq * by_dq + ddq * by_ddq)
+        of_derivative[:, joint] += k * motion.link_torque[:, joint]
         cosine, sine = np.cos(k * q), np.sin(k * q)
-        torque_of_cosine = cosine * of_wave - sine * of_slope
-        torque_of_sine = sine * of_wave + cosine * of_slope
+        torque_of_cosine = cosine * of_wave - sine * of_derivative
+        torque_of_sine = sine * of_wave + cosine * of_derivative
         return np.stack([torque_of_cosine, torque_of_sine], axis=2)
 
     @classmethod
@@ -468,24 +474,23 @@ class Backlash(LinkDeviation):
     has_memory = True  # time derivatives of the side
     shapes = {"law": choice("rests", "crosses"), "band": ShapeConstant(_BENDS, "Hz")}
 
-    def deviated(self, motion: Motion, joint: int) -> Array:
+    def torque_per_deviation(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per radian or metre of play in one joint's gear.
 
         The link rests on one of the gear's two flanks: it is displaced against the
-        sign s(t) of the torque that the gear transmits. Law 1 counts the displacement
-        only, -dtau/dq s; the other law (crosses) also counts the velocity and
+        sign s(t) of the torque that the gear transmits. The law "rests" counts the
+        displacement only, -dtau/dq s; "crosses" also counts the velocity and
         acceleration of the link from flank to flank.
         """
         side = np.sign(motion.link_torque[:, joint])
-        slopes = motion.derivatives(joint)
-        by_q = slopes[0]
-        counts_displacement_only = self.shape["law"] == 1.0
-        if counts_displacement_only:
+        derivatives = motion.derivatives(joint)
+        by_q = derivatives[0]
+        if self.shape["law"] == 1.0:  # rests
             return -by_q * side[:, None]
         # The difference to the first side is exactly 0 where the flank never changes,
         # so that smoothing leaves no velocity by rounding.
         crossed = motion.smoothed(side - side[0], self.shape["band"])
-        return -by_q * side[0] - _moved(motion, crossed, slopes)
+        return -by_q * side[0] - _torque_of_displacement(motion, crossed, derivatives)
 
 
 #: Below this frequency [Hz] a flight through the play does not depend on how the flanks
@@ -536,39 +541,41 @@ class BacklashInFlight(LinkDeviation):
         over_play = theta[0] / self.shape["b"]
         return bool(over_play < _LEAST_OVER_PLAY or over_play > _MOST_OVER_PLAY)
 
-    def deviated(self, motion: Motion, joint: int) -> Array:
-        """Return the torque (N, n) per radian or metre of play in one joint's gear."""
-        slopes = motion.derivatives(joint)
-        slopes_of_joint = tuple(x[:, joint] for x in slopes)
-        inertia_of_joint = slopes_of_joint[2]
+    def torque_per_deviation(self, motion: Motion, joint: int) -> Array:
+        """Return the torque (N, n) per radian or metre of play in one joint's gear: that
+        of the link's lag x below the frequency ``band``, -D x / b."""
+        derivatives = motion.derivatives(joint)
+        derivatives_of_joint = tuple(x[:, joint] for x in derivatives)
+        inertia_of_joint = derivatives_of_joint[2]
         # Links from least squares may have an inertia that is not positive.
         if inertia_of_joint.min() <= 0.0:
             return np.zeros_like(motion.q)
-        lag = self._lag(motion, joint, slopes_of_joint)
+        lag = self._lag(motion, joint, derivatives_of_joint)
         # The difference to the first lag is exactly 0 where the link never flies, so
         # that smoothing leaves no velocity by rounding.
         flown = motion.smoothed(lag - lag[0], self.shape["band"])
-        moved = slopes[0] * lag[0] + _moved(motion, flown, slopes)
-        return -moved / self.shape["b"]
+        torque = derivatives[0] * lag[0]
+        torque = torque + _torque_of_displacement(motion, flown, derivatives)
+        return -torque / self.shape["b"]
 
-    def _lag(self, motion: Motion, joint: int, slopes: Sequence[Array]) -> Array:
+    def _lag(self, motion: Motion, joint: int, derivatives: Sequence[Array]) -> Array:
         """Compute by how much (N,) [rad, m] the link lags behind the encoder.
-
-        ``slopes`` are the derivatives (N,) of the joint's torque by its position,
-        velocity and acceleration.
 
         Each step is a free flight by central differences, cut off at the flanks, which
         takes the velocity relative to the encoder: the impact has no rebound.
+        ``derivatives`` (N,) are those of the joint's torque by its position, velocity
+        and acceleration.
         """
         play = self.shape["b"]
-        by_q, by_dq, by_ddq = slopes
+        by_q, by_dq, by_ddq = derivatives
         torque = motion.link_torque[:, joint]
         h = (motion.t[-1] - motion.t[0]) / max(len(torque) - 1, 1)
-        by_step, damping = by_ddq / h**2, by_dq / (2.0 * h)
+        inertia_term, damping_term = by_ddq / h**2, by_dq / (2.0 * h)
         # x(t + h) = push + from_this x(t) + from_last x(t - h)
-        push = (torque / (by_step + damping)).tolist()
-        from_this = ((2.0 * by_step - by_q) / (by_step + damping)).tolist()
-        from_last = ((damping - by_step) / (by_step + damping)).tolist()
+        denominator = inertia_term + damping_term
+        push = (torque / denominator).tolist()
+        from_this = ((2.0 * inertia_term - by_q) / denominator).tolist()
+        from_last = ((damping_term - inertia_term) / denominator).tolist()
         this = last = play * float(np.sign(torque[0]))
         lags = [this]
         for a, b, c in zip(push[:-1], from_this, from_last, strict=False):
@@ -608,7 +615,7 @@ class JointElasticity(LinkDeviation):
     }
     sized_shape = "c"
 
-    def deviated(self, motion: Motion, joint: int) -> Array:
+    def torque_per_deviation(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per unit compliance of one joint's gear.
 
         The link is displaced from the encoder's position by -compliance times the
@@ -616,14 +623,14 @@ class JointElasticity(LinkDeviation):
         constant c > 0 (an assumed compliance) computes that torque at the displaced
         link instead of at the encoder's position.
         """
-        band = self.shape["band"]
         c = self.shape["c"]
-        torque = motion.smoothed(motion.link_torque[:, joint], band)
-        slopes = motion.derivatives(joint)
+        gear_torque = motion.smoothed(motion.link_torque[:, joint], self.shape["band"])
+        derivatives = motion.derivatives(joint)
         if c:
             # Without this correction the compliance is up to a quarter too large.
-            torque = torque - c * _moved(motion, torque, slopes)[:, joint]
-        return -_moved(motion, torque, slopes)
+            lost = _torque_of_displacement(motion, gear_torque, derivatives)[:, joint]
+            gear_torque = gear_torque - c * lost
+        return -_torque_of_displacement(motion, gear_torque, derivatives)
 
 
 #: Least and greatest ratio of a gear's compliance to the one that follows from its
@@ -694,33 +701,33 @@ class JointResonance(LinkDeviation):
         any error whose phase changes with the frequency."""
         return self.shape["zeta"] >= _DAMPED
 
-    def deviated(self, motion: Motion, joint: int) -> Array:
+    def torque_per_deviation(self, motion: Motion, joint: int) -> Array:
         """Return the torque (N, n) per unit compliance of one joint's gear, on which
         its link swings at f."""
-        slopes = motion.derivatives(joint)
-        slopes_of_joint = tuple(x[:, joint] for x in slopes)
-        compliance = self._compliance(motion, joint, slopes_of_joint)
+        derivatives = motion.derivatives(joint)
+        derivatives_of_joint = tuple(x[:, joint] for x in derivatives)
+        compliance = self._compliance(motion, joint, derivatives_of_joint)
         if compliance == 0.0:
             return np.zeros_like(motion.q)
         torque = motion.link_torque[:, joint]
         step = (motion.t[-1] - motion.t[0]) / max(len(torque) - 1, 1)
-        lag = self.lag(torque, step, compliance, slopes_of_joint)
-        return -_moved(motion, lag, slopes) / compliance
+        lag = self.lag(torque, step, compliance, derivatives_of_joint)
+        return -_torque_of_displacement(motion, lag, derivatives) / compliance
 
-    def _compliance(self, motion: Motion, joint: int, slopes: Sequence[Array]) -> float:
+    def _compliance(
+        self, motion: Motion, joint: int, derivatives: Sequence[Array]
+    ) -> float:
         """Return 1 / stiffness [rad/(N m), m/N] of the gear on which the joint's mean
         inertia swings at f.
 
-        ``slopes`` are the derivatives (N,) of the joint's torque by its position,
+        It is 0 where the inertia, or the stiffness with that of the weight, is not
+        positive at some instant, as least squares may have it: such a link does not
+        swing. ``derivatives`` (N,) are those of the joint's torque by its position,
         velocity and acceleration.
-
-        The compliance is 0 where the inertia, or the stiffness with that of the weight,
-        is not positive at some instant, as least squares may have it: such a link does
-        not swing.
         """
         mean_inertia = float(motion.mean_inertias[joint])
         stiffness = (2.0 * np.pi * self.shape["f"]) ** 2 * mean_inertia
-        by_q, _, by_ddq = slopes
+        by_q, _, by_ddq = derivatives
         smallest_stiffness = stiffness + by_q.min()
         smallest_inertia = by_ddq.min()
         if min(stiffness, smallest_stiffness, smallest_inertia) <= 0.0:
@@ -776,19 +783,22 @@ class JointResonance(LinkDeviation):
         return scipy.linalg.solve_banded(lower_and_upper, bands, right_side)
 
 
-def _moved(motion: Motion, x: Array, slopes: Sequence[Array]) -> Array:
+def _torque_of_displacement(
+    motion: Motion, displacement: Array, derivatives: Sequence[Array]
+) -> Array:
     """Return the change (N, n) of all joints' torque where the link of one joint is
     displaced by x (N,) [rad, m].
 
     dtau = dtau/dq_j x + dtau/ddq_j x' + dtau/dddq_j x'', with the displacement's
-    velocity x' and acceleration x''. ``slopes`` are these derivatives, three (N, n).
+    velocity x' and acceleration x''. ``derivatives`` are those of the torque by the
+    joint's position, velocity and acceleration, three (N, n).
     """
-    by_q, by_dq, by_ddq = slopes
-    x, rate, acceleration = motion.rates(x)
-    change = by_q * x[:, None]
-    change += by_dq * rate[:, None]
-    change += by_ddq * acceleration[:, None]
-    return change
+    by_q, by_dq, by_ddq = derivatives
+    x, velocity, acceleration = motion.rates(displacement)
+    torque = by_q * x[:, None]
+    torque += by_dq * velocity[:, None]
+    torque += by_ddq * acceleration[:, None]
+    return torque
 
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and
@@ -874,17 +884,17 @@ class KinematicError(Effect):
         The derivatives are expensive: they are computed at fewer instants and
         interpolated by cubic splines.
         """
-        thinned = _thinned(motion)
-        return _interpolated(motion, thinned, self._torques_at(motion, thinned))
+        instants = _sparse_instants(motion)
+        return _interpolated(motion, instants, self._torques_at(motion, instants))
 
     def torque(self, theta: Array, motion: Motion) -> Array:
         """Compute the torque (N, n) [N m, N] of all displacements and rotations.
 
         Only the sum is interpolated between the instants of :meth:`torques`.
         """
-        thinned = _thinned(motion)
-        torque = self._torques_at(motion, thinned) @ theta
-        return _interpolated(motion, thinned, torque)
+        instants = _sparse_instants(motion)
+        torque = self._torques_at(motion, instants) @ theta
+        return _interpolated(motion, instants, torque)
 
     def _torques_at(self, motion: Motion, instants: Indices) -> Array:
         """Compute the torque (K, n, k) per unit of each displacement and rotation at K
@@ -909,20 +919,20 @@ def _interpolated(motion: Motion, instants: Indices, values: Array) -> Array:
     return spline(motion.t)
 
 
-def _thinned(motion: Motion) -> Indices:
+def _sparse_instants(motion: Motion) -> Indices:
     """Choose instants from which cubic splines restore the motion to 2 % of its
     acceleration.
 
-    Returns their indices: every 16th, 8th, 4th or 2nd instant, or all. All as well
+    Returns their numbers: every 16th, 8th, 4th or 2nd instant, or all. All as well
     where time does not ascend, as for a simulation's independent states.
     """
-    instants = np.arange(len(motion.t))
-    if len(instants) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
-        return instants
+    all_instants = np.arange(len(motion.t))
+    if len(all_instants) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
+        return all_instants
     for stride in (16, 8, 4, 2):
-        chosen = np.unique(np.append(instants[::stride], instants[-1]))
+        chosen = np.unique(np.append(all_instants[::stride], all_instants[-1]))
         spline = scipy.interpolate.CubicSpline(motion.t[chosen], motion.ddq[chosen])
         error = spline(motion.t) - motion.ddq
         if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
             return chosen
-    return instants
+    return all_instants

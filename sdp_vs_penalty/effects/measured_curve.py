@@ -280,11 +280,11 @@ class MeasuredCurve(JointEffect):
         key_of_place = {int(key[1:]): key for key in constants if _is_value(key)}
         places = sorted(key_of_place)
         value_keys = [key_of_place[place] for place in places]
-        self._refuse(robot, constants, places)
+        self._require_table(robot, constants, places)
         first_joint = 0 if joints is None else min(joints, default=0)
         # This effect's own constants, with the units of its variables, before the base
         # class checks them.
-        self.shapes = self._own_shapes(robot, first_joint, constants, value_keys)
+        self.shapes = self._declared_shapes(robot, first_joint, constants, value_keys)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
         # What the columns need to be computed.
@@ -312,7 +312,7 @@ class MeasuredCurve(JointEffect):
         }
         return {**defaults, **shape}
 
-    def _refuse(
+    def _require_table(
         self, robot: Robot, constants: Mapping[str, float], places: Sequence[int]
     ) -> None:
         """Raise InputError for constants that make no table: sizes xn and yn that are
@@ -335,9 +335,9 @@ class MeasuredCurve(JointEffect):
             if not constants[f"{axis}low"] < constants[f"{axis}high"]:
                 what = f"{who} a table's low end is not below its high end"
                 raise InputError(what, "swap the ends")
-        self._refuse_joints(robot, constants)
+        self._require_joints(robot, constants)
 
-    def _refuse_joints(self, robot: Robot, constants: Mapping[str, float]) -> None:
+    def _require_joints(self, robot: Robot, constants: Mapping[str, float]) -> None:
         """Raise InputError for a joint of the table's variables that does not exist, or
         one that is added to what is no position or velocity."""
         who = f"effect {self.name}:"
@@ -355,34 +355,40 @@ class MeasuredCurve(JointEffect):
                 raise InputError(what, f"leave it out, or write {axis}=q or {axis}=dq")
 
     @classmethod
-    def _own_shapes(
+    def _declared_shapes(
         cls,
         robot: Robot,
         joint: int,
         constants: Mapping[str, float],
         value_keys: Sequence[str],
     ) -> dict[str, ShapeConstant]:
-        """Declare the shape constants of this table: ends of its axes in the units of
-        its variables, and the values (``value_keys`` "v1", "w2", ...) in the unit of
-        torque.
+        """Declare the shape constants of this table, with their units.
 
+        Ends of its axes have the units of its variables, the values that of torque.
         The constants of an added joint (xi, xc, yi, yc) are left out where no joint is
         added.
+
+        Parameters
+        ----------
+        joint
+            The effect's joint, from 0.
+        constants
+            Values by key, such as "xlow" and "v1".
+        value_keys
+            Keys of the table's values, "v1", "w2", ...
         """
-        out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
+        shapes = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
         for axis in "xy":
-            over = (
-                _variable(constants, axis, joint)
-                if constants[axis] in cls.shapes[axis].choices
-                else None  # the base class refuses such a number
-            )
-            unit = "-" if over is None else over.unit(robot.torque_units)
+            is_known = constants[axis] in cls.shapes[axis].choices
+            # The base class refuses another number.
+            variable = _variable(constants, axis, joint) if is_known else None
+            unit = "-" if variable is None else variable.unit(robot.torque_units)
             for end in ("low", "high"):
-                out[axis + end] = replace(cls.shapes[axis + end], unit=unit)
+                shapes[axis + end] = replace(cls.shapes[axis + end], unit=unit)
             if not constants[f"{axis}i"]:
-                del out[f"{axis}i"], out[f"{axis}c"]
+                del shapes[f"{axis}i"], shapes[f"{axis}c"]
         torque_unit = robot.torque_units[joint]
-        return out | {
+        return shapes | {
             key: ShapeConstant(constants[key], torque_unit, signed=True)
             for key in value_keys
         }
@@ -426,13 +432,15 @@ class MeasuredCurve(JointEffect):
         of the table; beyond the ends the value at the end counts. A table over one
         variable has yn = 1.
         """
-
         places = np.zeros((2, len(motion.t)))
-        for axis, place, over in zip("xy", places, self.variables(joint), strict=False):
+        for row, (axis, variable) in enumerate(
+            zip("xy", self.variables(joint), strict=False)
+        ):
             low = self.shape[axis + "low"]
             high = self.shape[axis + "high"]
             count = self.shape[axis + "n"]
-            place[:] = (over.along(motion) - low) / (high - low) * (count - 1)
+            share = (variable.along(motion) - low) / (high - low)
+            places[row] = share * (count - 1)
         return scipy.ndimage.map_coordinates(table, places, order=1, mode="nearest")
 
     def outside(self, motion: Motion) -> Mask:
@@ -442,13 +450,14 @@ class MeasuredCurve(JointEffect):
         The measured part is found by interpolating ``_missing``, which is 1 where the
         table was not measured and 0 elsewhere.
         """
-        out = np.zeros(len(motion.t), bool)
+        is_outside = np.zeros(len(motion.t), bool)
         for joint in self.joints:
-            out |= self._interpolated(self._missing, motion, joint) > 0.5
-            for axis, over in zip("xy", self.variables(joint), strict=False):
-                x = over.along(motion)
-                out |= (x < self.shape[f"{axis}low"]) | (x > self.shape[f"{axis}high"])
-        return out
+            is_outside |= self._interpolated(self._missing, motion, joint) > 0.5
+            for axis, variable in zip("xy", self.variables(joint), strict=False):
+                x = variable.along(motion)
+                is_outside |= x < self.shape[f"{axis}low"]
+                is_outside |= x > self.shape[f"{axis}high"]
+        return is_outside
 
 
 #: Name of a curve, as findings have it among what the data cannot tell apart from them.

@@ -296,11 +296,15 @@ class TransmissionFriction(StatefulEffect):
         return Bristles(rows, np.full(len(rows), self.shape.get("d", 1.0)), dahl)
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        """Return c_j f(s) (N, 1) for each joint j, from the states z (N, 1)."""
+        """Return the column c_j f(s) (N, 1) of each joint j, with the force f along
+        s = c q that the joints' ratios c_j share out.
+
+        ``z`` (N, 1) is the friction state of the law "hysteresis"; (N, 0) for others.
+        """
         force = self._force(motion, z)
         return [
-            Block(j, np.array([0]), (self.ratios[j] * force)[:, None])
-            for j in self.joints
+            Block(joint, np.array([0]), (self.ratios[joint] * force)[:, None])
+            for joint in self.joints
         ]
 
     def _force(self, motion: Motion, z: Array) -> Array:

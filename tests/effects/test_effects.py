@@ -272,7 +272,7 @@ def test_no_link_swings_on_an_inertia_that_is_not_positive(two_link):
         mean_inertias=np.ones(2),
         derivatives=lambda joint: (square, square, -square),
     )
-    assert not effect.deviated(motion, 0).any()
+    assert not effect.torque_per_deviation(motion, 0).any()
 
 
 @pytest.mark.parametrize("count", [801, 802, 808, 815])
