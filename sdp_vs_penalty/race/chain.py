@@ -68,13 +68,15 @@ class _Entries:
     channels: Literal["order", "tau_order", ""] = ""
 
     def compose(self, first: float, later: float) -> float:
-        """Return the number of one change that does what two do."""
+        """Return the number of the one change that does what ``first`` and then ``later``
+        do."""
         if self.composed == "product":
             return later * first
         return later + first if self.composed == "sum" else later
 
     def apply_change(self, own: float, before: float, after: float) -> float:
-        """Return a number with what ``after`` changes of ``before``."""
+        """Return the number ``own`` with the same change that leads from ``before`` to
+        ``after``: their ratio, their difference, or the later value."""
         if self.composed == "product":
             return own * after / before
         if self.composed == "sum":
@@ -126,7 +128,7 @@ class LogTransform:
     @classmethod
     @lru_cache(99)
     def unchanged(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
-        """Return the repair that changes nothing of n joints under a gravity in the
+        """Return the transform that changes nothing of n joints under a gravity in the
         base frame [m/s^2]."""
         in_order = tuple(range(n))
         numbers: dict[str, Any] = {
@@ -144,7 +146,7 @@ class LogTransform:
     def with_entries(
         self, name: str, joints: Sequence[int], value: Any
     ) -> LogTransform:
-        """Return the repair with ``value`` as the entry of some joints (from 0) of the
+        """Return the transform with ``value`` as the entry of some joints (from 0) of the
         field ``name``: ``with_entries("gain", [2], 0.5)``."""
         entries: Any = tuple(
             value if joint in joints else present
@@ -155,7 +157,7 @@ class LogTransform:
     def with_multiplied(
         self, name: str, joints: Sequence[int], factor: float
     ) -> LogTransform:
-        """Return the repair with the entries of some joints (from 0) of the field
+        """Return the transform with the entries of some joints (from 0) of the field
         ``name`` multiplied by a factor."""
         entries: Any = tuple(
             factor * present if joint in joints else present
@@ -164,7 +166,7 @@ class LogTransform:
         return replace(self, **{name: entries})
 
     def with_swap(self, a: int, b: int, *names: str) -> LogTransform:
-        """Return the repair with the channels that joints a and b take exchanged.
+        """Return the transform with the channels that joints a and b take exchanged.
 
         names : which channels: "order" (positions), "tau_order" (torques), or both.
         """
@@ -178,13 +180,13 @@ class LogTransform:
         return replace(self, **swapped)
 
     def with_event(self, event: LogEvent) -> LogTransform:
-        """Return the repair with one more event; itself where it has this event."""
+        """Return the transform with one more event; itself where it has this event."""
         if event in self.events:
             return self
         return replace(self, events=(*self.events, event))
 
     def without_event(self, event: LogEvent) -> LogTransform:
-        """Return the repair without an event."""
+        """Return the transform without an event."""
         others = tuple(other for other in self.events if other != event)
         return replace(self, events=others)
 
@@ -205,7 +207,7 @@ class LogTransform:
 
     @cached_property
     def motion_part(self) -> LogTransform:
-        """The repair with its changes of torque channels and of the direction of time
+        """The transform with its changes of torque channels and of the direction of time
         undone, and gear ratios among the factors of positions. The columns of a fit depend
         on this part alone, and are cached by it."""
         of_torque = [x for x in ENTRIES if ENTRIES[x].channels == "tau_order"]
@@ -222,7 +224,7 @@ class LogTransform:
         return self.motion_part.with_defaults("missing_weight", "events")
 
     def with_defaults(self, *names: str) -> LogTransform:
-        """Return the repair with the named fields as in a log without a fault; itself
+        """Return the transform with the named fields as in a log without a fault; itself
         where they are so already (so that caches find it)."""
         unchanged = self.unchanged(self.n, self.gravity)
         defaults: dict[str, Any] = {
@@ -233,11 +235,11 @@ class LogTransform:
         return replace(self, **defaults) if defaults else self
 
     def followed_by(self, later: LogTransform) -> LogTransform:
-        """Return one repair that has the effect of this one followed by ``later``.
+        """Return the one transform that does what this one and then ``later`` do.
 
-        Orders, clocks and numbers are composed, each number as its field says, and drifts
-        added (a step lies in one run by itself); gravity is this one's where it is not the
-        assumed one.
+        Numbers are multiplied, added or replaced, as their fields say; orders and clocks
+        are composed. Drifts of both are kept, steps of ``later`` alone (a step lies in one
+        run). Gravity is this one's, if it differs from the problem's.
 
         Parameters
         ----------
@@ -247,8 +249,10 @@ class LogTransform:
         channels = {"order": later.order, "tau_order": later.tau_order}
         numbers: dict[str, Any] = {}
         for name, entries in ENTRIES.items():
-            own = getattr(self, name)
-            first = [own[k] for k in channels.get(entries.channels, range(self.n))]
+            entries_here = getattr(self, name)
+            first = [
+                entries_here[k] for k in channels.get(entries.channels, range(self.n))
+            ]
             if name == "zero":
                 first = (later.position_factors * first).tolist()
             numbers[name] = tuple(map(entries.compose, first, getattr(later, name)))
@@ -265,8 +269,8 @@ class LogTransform:
         )
 
     def with_change(self, before: LogTransform, after: LogTransform) -> LogTransform:
-        """Return this transform with what ``after`` changes of ``before``: its numbers as
-        their fields say, and else its entries."""
+        """Return this transform with the same change that leads from ``before`` to
+        ``after``: a factor, a sum or another value, as each field says."""
         changed: dict[str, Any] = {"rate": self.rate * after.rate / before.rate}
         for name, entries in ENTRIES.items():
             three = (getattr(x, name) for x in (self, before, after))

@@ -8,7 +8,7 @@ joint with noise of its own, the Gaussian log-likelihood is, up to constants,
 
 M the number of independent samples. It is free of units and gains. Own columns
 (friction, rotor, offset) are projected out of each joint's normal equations, which add:
-of parts of a log, and of several logs. The prior odds of a repair are not in L: the race
+of parts of a log, and of several logs. The prior odds of a transform are not in L: the race
 adds them.
 """
 
@@ -39,7 +39,7 @@ from sdp_vs_penalty.regression.normal_equations import (
 from sdp_vs_penalty.robot.arrays import Array, Indices
 from sdp_vs_penalty.signals.filtered import joined
 
-#: Up to so many rows the columns of all repairs that a search proposes stay in memory:
+#: Up to so many rows the columns of all transforms that a search proposes stay in memory:
 #: the next round of the search proposes them again.
 FEW_ROWS = 128
 #: Rows of several repaired motions that are computed at a time.
@@ -58,27 +58,33 @@ def keep_recent(results: dict[Any, T], key: Any, result: T, size: int) -> T:
 
 
 def recent(
-    size: int, of: Callable[..., Any] | None = None
+    size: int, depends_on: Callable[..., Any] | None = None
 ) -> Callable[[Callable[..., T]], Callable[..., T]]:
-    """Let a method keep its last ``size`` results, by its arguments, or by the part ``of``
-    its argument that it depends on. They are kept in the object, so that they are freed
-    with it: rows are large."""
+    """Return a decorator that caches a method's last ``size`` results in its object, so
+    that they are freed with it: rows are large.
 
-    def remembering(method: Callable[..., T]) -> Callable[..., T]:
+    Parameters
+    ----------
+    depends_on : callable, optional
+        Maps the argument to the part of it that the result depends on: the cache's key,
+        and what the method is called with. Default: all arguments.
+    """
+
+    def decorate(method: Callable[..., T]) -> Callable[..., T]:
         @wraps(method)
-        def remembered(self: Any, *key: Any) -> T:
+        def cached(self: Any, *arguments: Any) -> T:
             results = self.__dict__.setdefault(f"_last_{method.__name__}", {})
-            key = key if of is None else (of(*key),)
+            key = arguments if depends_on is None else (depends_on(*arguments),)
             result = results[key] if key in results else method(self, *key)
             return keep_recent(results, key, result, size)
 
-        return remembered
+        return cached
 
-    return remembering
+    return decorate
 
 
 class Likelihood:
-    """Fit arms to the rows of one log under any repair, of M rows and n joints.
+    """Fit arms to the rows of one log under any transform, of M rows and n joints.
 
     "Shared" columns belong to parameters that joints share (links); "own" columns to
     one joint (friction, rotor, offset).
@@ -88,8 +94,8 @@ class Likelihood:
         """Prepare fits of arms to the rows ``data`` of one log; nothing is computed
         yet.
 
-        Every cached function here takes the part of a repair that its result depends
-        on, so that repairs that differ elsewhere share it.
+        Every cached function here takes the part of a transform that its result depends
+        on, so that transforms that differ elsewhere share it.
         """
         self.problem = problem
         self.data = data
@@ -159,34 +165,34 @@ class Likelihood:
 
     # -- torques and motion as repaired
 
-    def channels(self, repair: LogTransform) -> Array:
+    def channels(self, transform: LogTransform) -> Array:
         """Return the joints' torques (n, M) as repaired [N m or N]; 0 where they are not
         used (see :meth:`torque_mask`)."""
-        return self.torques(repair) * self.torque_mask(repair)
+        return self.torques(transform) * self.torque_mask(transform)
 
-    def torques(self, repair: LogTransform) -> Array:
+    def torques(self, transform: LogTransform) -> Array:
         """Return the joints' torques (n, M) as repaired, also where a joint does not
         slide [N m or N]; see :meth:`channels`.
         """
-        order = list(repair.tau_order)
-        if not any((*repair.lead, *repair.lag, *repair.bend)):
-            # Most repairs leave time and shape of the channels as they are.
-            return repair.torques(self.channels_at(0.0)[0].T[order])
-        pairs = [self.channels_at(lead) for lead in repair.lead]
+        order = list(transform.tau_order)
+        if not any((*transform.lead, *transform.lag, *transform.bend)):
+            # Most transforms leave time and shape of the channels as they are.
+            return transform.torques(self.channels_at(0.0)[0].T[order])
+        pairs = [self.channels_at(lead) for lead in transform.lead]
         of_joints = [
             (x[:, k], rate[:, k]) for k, (x, rate) in zip(order, pairs, strict=True)
         ]
         channels, rates = np.array(of_joints).swapaxes(0, 1)
-        return repair.torques(channels, rates, self.data.largest[order])
+        return transform.torques(channels, rates, self.data.largest[order])
 
-    def torque_mask(self, repair: LogTransform) -> Array:
+    def torque_mask(self, transform: LogTransform) -> Array:
         """Return which torques are used, (n, M): 1 where the joint slides, and 0
-        elsewhere. Which joint slides depends on the repair's order of position channels.
+        elsewhere. Which joint slides depends on the transform's order of position channels.
 
         A joint at rest is held by dry friction, which may have any value up to its
         size: its torque tells nothing of the arm.
         """
-        return self.data.torque_mask.T[list(repair.order)]
+        return self.data.torque_mask.T[list(transform.order)]
 
     @recent(40)
     def channels_at(self, lead: float) -> tuple[Array, Array]:
@@ -197,7 +203,7 @@ class Likelihood:
         instants = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
         return torque(instants), torque(instants, 1)
 
-    def motion(self, repair: LogTransform, is_still: bool = False) -> Motion:
+    def motion(self, transform: LogTransform, is_still: bool = False) -> Motion:
         """Return the repaired motion of M rows, for the columns of an arm.
 
         q_j = scale_j raw_order[j] + zero_j, and time runs ``rate`` times as fast as in
@@ -205,7 +211,7 @@ class Likelihood:
 
         Parameters
         ----------
-        repair : LogTransform
+        transform : LogTransform
             How the log is repaired.
         is_still : bool
             Whether the arm stands still at each row: its torque is then its weight.
@@ -216,28 +222,28 @@ class Likelihood:
             Positions, velocities, accelerations (M, n).
         """
         logged = self.data.motion
-        order = list(repair.order)
+        order = list(transform.order)
         # Velocities and accelerations of an arm that stands still are 0.
-        scale = (not is_still) * repair.position_factors
+        scale = (not is_still) * transform.position_factors
         return Motion(
-            logged.t[0] + repair.rate * (logged.t - logged.t[0]),
-            repair.positions(logged.q),
-            repair.of_joints(scale * logged.dq[:, order] / repair.rate),
-            repair.of_joints(scale * logged.ddq[:, order] / repair.rate**2),
+            logged.t[0] + transform.rate * (logged.t - logged.t[0]),
+            transform.positions(logged.q),
+            transform.of_joints(scale * logged.dq[:, order] / transform.rate),
+            transform.of_joints(scale * logged.ddq[:, order] / transform.rate**2),
         )
 
     # -- columns
 
-    @recent(6, of=lambda repair: repair.motion_part)
-    def rows(self, repair: LogTransform) -> RepairedRows:
+    @recent(6, depends_on=lambda transform: transform.motion_part)
+    def rows(self, transform: LogTransform) -> RepairedRows:
         """Return the columns of an arm's parameters in the rows that it is fitted to.
 
-        They do not depend on what the repair does to torque channels, so that repairs
+        They do not depend on what the transform does to torque channels, so that transforms
         of the same motion share one cached result.
 
         Parameters
         ----------
-        repair : LogTransform
+        transform : LogTransform
             How the log is repaired.
 
         Returns
@@ -245,15 +251,17 @@ class Likelihood:
         RepairedRows
             Columns of the shared parameters, and a basis of each joint's own columns.
         """
-        return RepairedRows.from_basis(self.basis(repair), self.raw(repair))
+        return RepairedRows.from_basis(self.basis(transform), self.raw(transform))
 
-    def basis(self, repair: LogTransform) -> Array:
+    def basis(self, transform: LogTransform) -> Array:
         """Return an orthonormal basis (n, M, k) of each joint's own columns under a
-        repair: friction, rotor inertia, offset, and events of the log."""
-        return self._basis(repair.order, repair.events)
+        transform: friction, rotor inertia, offset, and events of the log."""
+        return self._basis(transform.order, transform.events)
 
-    @recent(6, of=lambda repair: repair.motion_part.with_defaults("events"))
-    def raw(self, repair: LogTransform) -> Array:
+    @recent(
+        6, depends_on=lambda transform: transform.motion_part.with_defaults("events")
+    )
+    def raw(self, transform: LogTransform) -> Array:
         """Return the columns (n, M, s) of the s parameters that joints share (of the
         links).
 
@@ -264,7 +272,7 @@ class Likelihood:
 
         Parameters
         ----------
-        repair : LogTransform
+        transform : LogTransform
             How the log is repaired.
 
         Returns
@@ -272,11 +280,13 @@ class Likelihood:
         (n, M, s) array
             Torque per unit of each parameter.
         """
-        columns = self.shared(repair)
-        if any(repair.missing_weight):
-            weight = self.shared(repair, is_still=True)
-            columns = columns - np.array(repair.missing_weight)[:, None, None] * weight
-        return columns * self.torque_mask(repair)[:, :, None]
+        columns = self.shared(transform)
+        if any(transform.missing_weight):
+            weight = self.shared(transform, is_still=True)
+            columns = (
+                columns - np.array(transform.missing_weight)[:, None, None] * weight
+            )
+        return columns * self.torque_mask(transform)[:, :, None]
 
     @recent(12)
     def _model(self, gravity: tuple[float, ...]) -> Model | None:
@@ -286,18 +296,18 @@ class Likelihood:
             return None
         return on_robot(self.data.shared, replace(self.problem.robot, gravity=gravity))
 
-    def columns(self, repair: LogTransform, is_still: bool = False) -> Array:
+    def columns(self, transform: LogTransform, is_still: bool = False) -> Array:
         """Return the columns (n, M, p) of all p parameters of the links, linearly
         dependent ones too: combinations of the independent ones, see :meth:`shared`."""
-        return self.shared(repair, is_still) @ self.data.dependence
+        return self.shared(transform, is_still) @ self.data.dependence
 
-    def shared(self, repair: LogTransform, is_still: bool = False) -> Array:
+    def shared(self, transform: LogTransform, is_still: bool = False) -> Array:
         """Return the columns (n, M, s) of s linearly independent parameters of the
         links, which span the same torques as those of all.
 
         Parameters
         ----------
-        repair : LogTransform
+        transform : LogTransform
             How the log is repaired; only its :attr:`~LogTransform.arm_part` counts.
         is_still : bool
             Whether they are of the weight alone.
@@ -307,43 +317,43 @@ class Likelihood:
         (n, M, s) array
             Torque per unit of each parameter; s is 0 where joints share none.
         """
-        key = repair.arm_part, is_still
+        key = transform.arm_part, is_still
         columns = self._kept_columns.get(key)
         if columns is None:
-            columns = self._make_columns([repair.arm_part], is_still)[0]
+            columns = self._make_columns([transform.arm_part], is_still)[0]
         return keep_recent(self._kept_columns, key, columns, self.n_kept)
 
     def _make_columns(
-        self, repairs: Sequence[LogTransform], is_still: bool = False
+        self, transforms: Sequence[LogTransform], is_still: bool = False
     ) -> list[Array]:
         """Make the columns (n, M, s) of the links' independent parameters under each of
-        several repairs, as torques of the logged motors.
+        several transforms, as torques of the logged motors.
 
-        The repairs must have the same gravity: one model makes all columns, from the
+        The transforms must have the same gravity: one model makes all columns, from the
         rows of all repaired motions one after the other.
         """
-        model = self._model(repairs[0].gravity)
+        model = self._model(transforms[0].gravity)
         if model is None:
-            return [np.zeros((self.n, self.data.count, 0)) for _ in repairs]
-        motions = [self.motion(repair, is_still) for repair in repairs]
+            return [np.zeros((self.n, self.data.count, 0)) for _ in transforms]
+        motions = [self.motion(transform, is_still) for transform in transforms]
         rows = motions[0] if len(motions) == 1 else joined(motions)
         of_all = model.dense_columns(rows, self.data.independent)
-        columns = np.split(of_all, len(repairs), axis=1)
-        for k, repair in enumerate(repairs):
-            a = repair.joints_by_motors
+        columns = np.split(of_all, len(transforms), axis=1)
+        for k, transform in enumerate(transforms):
+            a = transform.joints_by_motors
             if a is not None:  # torques of motors: A^T tau
                 columns[k] = np.tensordot(a.T, columns[k], 1)
         return columns
 
-    def prepare_columns(self, repairs: Sequence[LogTransform]) -> None:
-        """Cache the links' columns of the moving arm under several repairs, so that
+    def prepare_columns(self, transforms: Sequence[LogTransform]) -> None:
+        """Cache the links' columns of the moving arm under several transforms, so that
         :meth:`shared` finds them.
 
         Repairs under the same gravity are computed together: one model evaluates the rows
         of many motions faster than those of one motion after another.
         """
         uncached_by_gravity: dict[tuple[float, ...], list[LogTransform]] = {}
-        for arm_part in dict.fromkeys(repair.arm_part for repair in repairs):
+        for arm_part in dict.fromkeys(transform.arm_part for transform in transforms):
             if (arm_part, False) not in self._kept_columns:
                 of_gravity = uncached_by_gravity.setdefault(arm_part.gravity, [])
                 of_gravity.append(arm_part)
@@ -363,7 +373,7 @@ class Likelihood:
                     key = arm_part, False
                     keep_recent(self._kept_columns, key, columns, self.n_kept)
 
-    def nominal(self, repair: LogTransform, is_still: bool = False) -> Array:
+    def nominal(self, transform: LogTransform, is_still: bool = False) -> Array:
         """Return the torque (M, n) of the problem's nominal links on the repaired
         motion [N m or N]; their full weight if the arm is still.
 
@@ -372,12 +382,12 @@ class Likelihood:
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
-        columns = self.columns(repair, is_still)[:, :, rigid]
+        columns = self.columns(transform, is_still)[:, :, rigid]
         links = self.problem.prior_links.ravel()[: len(rigid)]
         torque = np.asarray((columns @ links).T, float)
-        if not is_still and any(repair.missing_weight):
-            torque = torque - np.array(repair.missing_weight) * self.nominal(
-                repair, True
+        if not is_still and any(transform.missing_weight):
+            torque = torque - np.array(transform.missing_weight) * self.nominal(
+                transform, True
             )
         return torque
 
@@ -425,24 +435,24 @@ class Likelihood:
         shape = event.shape(self.data.motion.t)[None]
         return shape * is_joint[:, :, None]
 
-    def unexplained(self, repair: LogTransform, theta: Array) -> Array:
+    def unexplained(self, transform: LogTransform, theta: Array) -> Array:
         """Return the torque (n, M) that the links of an arm, theta (s,), do not
         explain, tau - Y theta [N m or N].
 
         It still holds the friction, rotor inertia and offset of each joint.
         """
-        return self.channels(repair) - self.raw(repair) @ theta
+        return self.channels(transform) - self.raw(transform) @ theta
 
     # -- fits
 
     @recent(8)
-    def fit(self, repair: LogTransform) -> ArmFit:
-        """Fit the arm of the largest likelihood to the log under a repair.
+    def fit(self, transform: LogTransform) -> ArmFit:
+        """Fit the arm of the largest likelihood to the log under a transform.
 
         Each joint's own parameters (friction, offset) are eliminated: their columns are
         projected out of the shared columns and of the torque.
         """
-        rows, torque = self.rows(repair), self.channels(repair)
+        rows, torque = self.rows(transform), self.channels(transform)
         beside_own = rows.project_out_own(torque[:, :, None])[:, :, 0]
         equations = NormalEquations(
             gram=rows.gram,
@@ -453,7 +463,7 @@ class Likelihood:
         theta, left = equations.fitted(self.moving)
         return ArmFit(self.moving, rows, torque, theta, left, equations.total)
 
-    def shares_left_by_own_models(self, repair: LogTransform) -> Array:
+    def shares_left_by_own_models(self, transform: LogTransform) -> Array:
         """Return the share (n,) of each torque's energy that the joint's own model
         leaves, on parts of the log that the model was not fitted to.
 
@@ -462,7 +472,7 @@ class Likelihood:
 
         Parameters
         ----------
-        repair : LogTransform
+        transform : LogTransform
             How the log is repaired.
 
         Returns
@@ -470,8 +480,8 @@ class Likelihood:
         (n,) array
             Shares of the squared torque, at least FLOOR [-].
         """
-        rows = self.rows(repair)
-        torque = self.channels(repair)[:, :, None]
+        rows = self.rows(transform)
+        torque = self.channels(transform)[:, :, None]
         columns = np.concatenate([rows.basis, rows.raw, torque], axis=2)
         by_part = np.array_split(columns, PARTS, axis=1)
         parts = np.stack([part.swapaxes(1, 2) @ part for part in by_part])

@@ -331,8 +331,8 @@ class Race:
         return units
 
     def _log_odds_with_next_claims(self, firsts: Sequence[Claim]) -> list[float]:
-        """Return for each claim the log evidence, and the prior, of the claim together
-        with the best claim after it."""
+        """Return for each claim the log evidence plus log prior of the claim and of the
+        best claim after it, both together."""
         remembered = self.first_looks
         ends: list[tuple[float, ViewFit]] = []  # prior and fit of both claims
         for first in firsts:

@@ -57,9 +57,9 @@ def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
 
 
 def _laws(motion: Motion) -> list[Array]:
-    """List the columns (N, n) of laws of a joint that arms have and models lack, by its
-    motion: a spring, drag, friction that differs by direction, hysteresis. As strong as
-    they may be, they are no fault of the log."""
+    """List the columns (N, n) of laws that arms have and models often lack: a spring,
+    drag, friction that differs by direction, hysteresis. What they explain, of any size,
+    is no fault of the log."""
     speed = np.abs(motion.dq)
     laws = [motion.q, motion.dq * speed, speed]
     return laws + _bristles(motion, TRAVELS["hysteresis"])
@@ -112,8 +112,8 @@ class RegressionData:
 
     @cached_property
     def digest(self) -> bytes:
-        """A hash of all rows and channels: those of one robot with the same one are the
-        same."""
+        """A SHA-256 hash of all rows and channels: equal data of one robot have equal
+        hashes."""
         motion, torque = self.motion, self.torque
         states = motion.t, motion.q, motion.dq, motion.ddq
         columns = self.own_columns, self.laws, self.torque_mask
@@ -149,7 +149,7 @@ class RegressionData:
 
     @classmethod
     def concatenate(cls, logs: Sequence[RegressionData]) -> RegressionData:
-        """Put the rows of several logs one after the other, as rows of one log.
+        """Join the rows of several logs, one after the other, as rows of one log.
 
         Parameters
         ----------
@@ -159,9 +159,9 @@ class RegressionData:
         Returns
         -------
         RegressionData
-            With about as many rows as one log: of L logs every L-th row. Each log's
-            clock begins a second after the end of the log before. Each log has an
-            offset of its torques of its own, as further own columns.
+            Of L logs every L-th row, so that it has about as many rows as one log. Each
+            log's clock begins a second after the end of the log before, and each log
+            has a torque offset of its own: one more column for all but the first.
         """
         parts: list[RegressionData] = []
         shifts: list[float] = []
@@ -172,7 +172,7 @@ class RegressionData:
             first, last = min(t[0], knots[0]), max(t[-1], knots[-1])
             shifts.append(begin - float(first))
             begin += float(last - first) + _SECONDS_BETWEEN_LOGS
-            # 1 in a column of its own; the first log's offset is a column of every log.
+            # Column number - 1 is 1 on this log's rows; the first log has the common one.
             offsets = np.zeros((*log.own_columns.shape[:2], len(logs) - 1))
             offsets[:, :, max(number - 1, 0) : number] = 1.0
             moved = replace(

@@ -111,7 +111,7 @@ def _log_falls_by_steps(evidence: Evidence, fit: ViewFit, first_rows: Indices) -
     return is_new * np.log1p(on_residual**2 / scale)
 
 
-def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
+def _size(log: Likelihood, transform: LogTransform, event: LogEvent) -> float:
     """Return the size of a drift or step [N m or N].
 
     It is the least-squares coefficient of the event's shape x in the torque y that the
@@ -119,26 +119,29 @@ def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
     offset) projected out of x.
     """
     j = event.joint
-    fit = log.fit(repair)
-    rows = log.rows(repair.without_event(event))
-    shape = log.torque_mask(repair)[:, :, None] * event.shape(log.data.motion.t)
+    fit = log.fit(transform)
+    rows = log.rows(transform.without_event(event))
+    shape = log.torque_mask(transform)[:, :, None] * event.shape(log.data.motion.t)
     x = rows.project_out_own(shape)[j, :, 0]
     y = fit.channels[j] - rows.projected[j] @ fit.theta
     return float(x @ y / max(float(x @ x), 1e-300))
 
 
 def _drift_from_end_to_end(
-    log: Likelihood, repair: LogTransform, event: LogEvent
+    log: Likelihood, transform: LogTransform, event: LogEvent
 ) -> float:
     """Return by how much a joint's torque drifts from a log's first row to its last
-    [N m or N]: the rows of the fit, between which its ramp rises, lack both ends."""
+    [N m or N].
+
+    The fitted ramp is extrapolated: filters cut the rows at both ends of the log.
+    """
     seconds_of_rows = max(recorded_seconds(log.data.motion.t), 1e-300)
-    return _size(log, repair, event) * log.data.seconds / seconds_of_rows
+    return _size(log, transform, event) * log.data.seconds / seconds_of_rows
 
 
-def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
+def _drift(log: Likelihood, transform: LogTransform, event: LogEvent) -> Fault:
     """Return the fault that a joint's torque drifts linearly over the log."""
-    size = _drift_from_end_to_end(log, repair, event)
+    size = _drift_from_end_to_end(log, transform, event)
     unit = log.torque_unit(event.joint)
     return Fault(
         kind=DRIFT,
@@ -146,7 +149,7 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         what=f"the torque of {joints_text([event.joint])} drifts by {size:+.3g} {unit}"
         " from the first row to the last.",
         remedy="let the sensor warm up and set its zero before the run",
-        without=repair.without_event(event),
+        without=transform.without_event(event),
         figures={"size": size},
     )
 
@@ -166,7 +169,9 @@ def drift_of_runs(
         Name and rows of each run, and how they are repaired.
     """
     event = LogEvent(fault.joints[0])
-    sizes = [_drift_from_end_to_end(log, repair, event) for _, log, repair in runs]
+    sizes = [
+        _drift_from_end_to_end(log, transform, event) for _, log, transform in runs
+    ]
     largest = int(np.argmax(np.abs(sizes)))
     name, log, _ = runs[largest]
     unit = log.torque_unit(event.joint)
@@ -178,9 +183,9 @@ def drift_of_runs(
     )
 
 
-def _step(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
+def _step(log: Likelihood, transform: LogTransform, event: LogEvent) -> Fault:
     """Return the fault that a joint's torque steps and stays there."""
-    size = _size(log, repair, event)
+    size = _size(log, transform, event)
     name = joints_text([event.joint])
     unit = log.torque_unit(event.joint)
     return Fault(
@@ -189,7 +194,7 @@ def _step(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         what=f"the torque of {name} steps by {size:+.3g} {unit} at t = {{t:.4g}} s and"
         " stays there.",
         remedy="cut the run there, or find out what touched the arm",
-        without=repair.without_event(event),
+        without=transform.without_event(event),
         place=f"{name}, t = {{t:.4g}} s",
         figures={"size": size},
         at=event.at,

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,16 +72,19 @@ def _of_nominal_links(evidence: Evidence, fit: ViewFit) -> Array:
     weight along each axis, with each joint's own columns projected out.
     """
     log, current, rows = evidence.log, fit.transform, fit.columns.rows
-    still = [
+    weights = [  # by unit gravity along each axis
         log.nominal(replace(current, gravity=tuple(axis)), is_still=True)
         for axis in np.eye(3).tolist()
     ]
     inertia = log.nominal(replace(current, gravity=(0.0, 0.0, 0.0)))
-    torques = np.stack([inertia.T, *(x.T for x in still), log.torques(current)], axis=2)
+    torques = np.stack(
+        [inertia.T, *(x.T for x in weights), log.torques(current)], axis=2
+    )
     masked = torques * log.torque_mask(current)[:, :, None]
-    left = rows.project_out_own(masked)[log.moving]
-    left = left / np.linalg.norm(left[:, :, -1:], axis=1, keepdims=True)
-    *columns, torque = left.reshape(-1, left.shape[2]).T
+    projected = rows.project_out_own(masked)[log.moving]
+    # Each joint counts as much: its rows are divided by the norm of its torque.
+    projected = projected / np.linalg.norm(projected[:, :, -1:], axis=1, keepdims=True)
+    *columns, torque = projected.reshape(-1, projected.shape[2]).T
     sizes = np.linalg.lstsq(np.stack(columns, axis=1), torque, rcond=None)[0]
     return _EARTH * sizes[1:] / nonzero_or_one(np.linalg.norm(sizes[1:]))
 
@@ -92,23 +96,34 @@ def _tilted(evidence: Evidence, fit: ViewFit, odds: float) -> Hypothesis:
     odds : its prior log-odds, to which the Occam factor of the two angles is added.
     """
     for _ in range(_STEPS):
-        angles, occam, turned = _step(evidence, fit)
-        if np.linalg.norm(angles) < c.CALIBRATED:
+        step = _newton_step(evidence, fit)
+        if np.linalg.norm(step.angles) < c.CALIBRATED:
             break
-        fit = evidence.fit(_with_direction(fit.view, turned), fit.rows_worth_one)
-    away = np.linalg.norm(turned - np.array(evidence.log.as_logged.gravity))
+        fit = evidence.fit(_with_direction(fit.view, step.gravity), fit.rows_worth_one)
+    distance = np.linalg.norm(step.gravity - np.array(evidence.log.as_logged.gravity))
     return Hypothesis(
         kind="gravity direction",
         joints=(),
-        log_prior=odds + occam,
-        transform=_with_gravity(fit.transform, turned),
-        is_usual=bool(away < 2.0 * c.CALIBRATED * _EARTH),
+        log_prior=odds + step.occam,
+        transform=_with_gravity(fit.transform, step.gravity),
+        is_usual=bool(distance < 2.0 * c.CALIBRATED * _EARTH),
     )
 
 
-def _step(evidence: Evidence, fit: ViewFit) -> tuple[Array, float, Array]:
-    """Return one Newton step of gravity's direction: the two angles (2,) [rad], the
-    logarithm of their Occam factor, and gravity (3,) [m/s^2] turned by them."""
+class _NewtonStep(NamedTuple):
+    """A step of gravity's direction towards the least residual."""
+
+    #: (2,) angles about two axes across gravity [rad].
+    angles: Array
+    #: Natural logarithm of the Occam factor of the two angles.
+    occam: float
+    #: (3,) gravity turned by them [m/s^2].
+    gravity: Array
+
+
+def _newton_step(evidence: Evidence, fit: ViewFit) -> _NewtonStep:
+    """Return one Newton step of gravity's direction from that of a fit, by difference
+    quotients of the torque that the links do not explain."""
     log, current = evidence.log, fit.transform
     gravity = np.array(current.gravity)
     size = float(np.linalg.norm(gravity))
@@ -117,14 +132,14 @@ def _step(evidence: Evidence, fit: ViewFit) -> tuple[Array, float, Array]:
         _with_gravity(current, gravity + size * _STEP * axis) for axis in across
     ]
     log.prepare_columns(transforms)
-    left_tilted = [log.unexplained(transform, fit.links) for transform in transforms]
-    left = log.unexplained(current, fit.links)
-    slopes = (left[:, :, None] - np.stack(left_tilted, axis=2)) / _STEP
+    tilted = [log.unexplained(transform, fit.links) for transform in transforms]
+    unexplained = log.unexplained(current, fit.links)
+    slopes = (unexplained[:, :, None] - np.stack(tilted, axis=2)) / _STEP
     angles, information = evidence.score_test(fit, slopes, np.full(2, _SD))
     occam = -0.5 * float(np.sum(np.log1p(_SD**2 * information)))
     angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
     turned = gravity + size * angles @ across
-    return angles, occam, turned * (size / np.linalg.norm(turned))
+    return _NewtonStep(angles, occam, turned * (size / np.linalg.norm(turned)))
 
 
 def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:

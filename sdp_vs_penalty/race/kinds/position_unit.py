@@ -7,6 +7,7 @@ the torques poorly.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,15 @@ _WIDEST = 1.5
 _LITTLE = 0.5
 #: Joints travel about a radian: standard deviation of the travel's natural logarithm.
 _SPREAD_OF_TRAVEL = 1.0
+
+
+class ScaleAndMiddle(NamedTuple):
+    """A joint's angle in radians is scale times the logged number, plus middle."""
+
+    #: Radians of a unit.
+    scale: float
+    #: Radians of the unit's zero.
+    middle: float
 
 
 @dataclass(frozen=True)
@@ -76,11 +86,15 @@ class PositionUnit:
 
     def scales_and_middles(
         self, log: Likelihood
-    ) -> Mapping[int, tuple[float, float]] | None:
-        """Return scale and middle [rad] of each revolute joint. None if a joint has no
-        range to share, or moves farther in this unit than any joint can."""
+    ) -> Mapping[int, ScaleAndMiddle] | None:
+        """Return scale and middle [rad] of the unit for each revolute joint, by its index.
+
+        None if a joint has no range to share, or moves farther in this unit than any joint
+        can.
+        """
         robot, q = log.problem.robot, log.data.motion.q
-        numbers = dict.fromkeys(log.revolute, (self.scale, self.middle))
+        of_all = ScaleAndMiddle(self.scale, self.middle)
+        numbers = dict.fromkeys(log.revolute, of_all)
         if self.is_share:
             percent = radians_per_percent(robot, 0.0 * q)
             if percent is None:
@@ -88,7 +102,9 @@ class PositionUnit:
             middle_percent = 100.0 * self.middle
             for j in log.revolute:
                 scale, middle = percent[j]
-                numbers[j] = self.scale * scale, middle + middle_percent * scale
+                numbers[j] = ScaleAndMiddle(
+                    self.scale * scale, middle + middle_percent * scale
+                )
                 farthest = np.abs(self.scale * q[:, j] + middle_percent).max()
                 if farthest > LARGEST_PERCENT:
                     return None
@@ -160,8 +176,11 @@ _OF_RAILS = (
 
 
 def counts_a_turn(log: Likelihood) -> Number:
-    """Return the size of a count, of all revolute joints: a turn of a power of two, as most
-    encoders have, of a number that people choose, or of any."""
+    """Return the number of an encoder's count [rad], common to all revolute joints.
+
+    Its round sizes are those of a power of two a turn, as most encoders have, and of a round
+    number a turn.
+    """
     exact = [unit.scale for unit in UNITS if unit.is_small and not unit.is_share]
     exact += [_TURN / (x * 10.0**k) for x in _CHOSEN for k in range(3, 6)]
     return Number(
@@ -226,8 +245,12 @@ def _hypothesis(
 def _units_of_all(
     log: Likelihood, current: LogTransform, is_beyond_turn: bool
 ) -> Iterator[Hypothesis]:
-    """Yield the units that all revolute positions may be in, where they are taken as
-    radians: small ones where some joint moves beyond a turn, else large ones and degrees."""
+    """Yield the units that all revolute positions may be in; nothing if the transform has
+    changed their unit already.
+
+    Small units are tried if some joint moves beyond a turn, else large ones and degrees.
+    The prior of a unit falls with the distance of the largest travel from a radian.
+    """
     if any(abs(current.scale[j]) != 1.0 for j in log.revolute):
         return
     for unit in UNITS:
@@ -260,11 +283,11 @@ def _farthest(log: Likelihood, j: int) -> float:
 
 
 def _in_radians(
-    transform: LogTransform, scale_and_middle: Mapping[int, tuple[float, float]]
+    transform: LogTransform, numbers: Mapping[int, ScaleAndMiddle]
 ) -> LogTransform:
-    """Return the transform that brings joints from a unit, whose scale and middle [rad]
-    each has, to radians as well."""
-    for j, (scale, middle) in scale_and_middle.items():
+    """Return a transform that also converts joints to radians, each from a unit of its
+    scale and middle."""
+    for j, (scale, middle) in numbers.items():
         transform = transform.with_multiplied("scale", (j,), scale)
         transform = transform.with_entries("zero", (j,), transform.zero[j] + middle)
     return transform
@@ -298,17 +321,18 @@ def as_likely_as_radians(evidence: Evidence, fit: ViewFit) -> list[PositionUnit]
 
 def undone_unit(
     log: Likelihood, transform: LogTransform
-) -> tuple[PositionUnit, dict[int, tuple[float, float]]]:
-    """Return the unit that a transform undoes, with scale and middle of each of its
-    joints: none where positions are in radians, or their factor is that of no unit.
+) -> tuple[PositionUnit, dict[int, ScaleAndMiddle]]:
+    """Return the unit that a transform converts to radians, with the scale and middle of
+    each joint that was in it; no joints if the factors are those of no unit.
 
-    Of several units with these factors it is the one whose middles are nearest. Where only
-    a part of the joints has a unit, it is degrees.
+    Of several units with these factors it is the one whose middles are nearest. If only a
+    part of the joints has a unit, it is degrees.
     """
     sizes = np.abs(transform.scale)
     changed = [j for j in log.revolute if not np.isclose(sizes[j], 1.0)]
     in_degrees = [j for j in changed if np.isclose(sizes[j], _DEGREES.scale)]
-    best, numbers = _DEGREES, dict.fromkeys(in_degrees, (_DEGREES.scale, 0.0))
+    best = _DEGREES
+    numbers = dict.fromkeys(in_degrees, ScaleAndMiddle(_DEGREES.scale, 0.0))
     if not changed or changed != log.revolute:
         return best, numbers
     least = np.inf
@@ -316,9 +340,11 @@ def undone_unit(
         of_unit = unit.scales_and_middles(log) or {}
         scales = [scale for scale, _ in of_unit.values()]
         if of_unit and np.allclose(sizes[list(of_unit)], scales, rtol=1e-6):
-            away = sum(abs(transform.zero[j] - x) for j, (_, x) in of_unit.items())
-            if away < least:
-                best, least, numbers = unit, away, dict(of_unit)
+            distance = sum(
+                abs(transform.zero[j] - x.middle) for j, x in of_unit.items()
+            )
+            if distance < least:
+                best, least, numbers = unit, distance, dict(of_unit)
     return best, numbers
 
 

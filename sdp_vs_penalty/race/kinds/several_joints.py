@@ -131,11 +131,11 @@ def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
 def _coupling(
     log: Likelihood, a: int, b: int, current: LogTransform, ratio: float
 ) -> ExtraTorque:
-    """Return the torque of gears by which the motor of joint b turns with joint a as
-    well: by dq_b + ratio dq_a.
+    """Return the extra torque of gears by which the motor of joint b also turns with joint
+    a (both from 0), at the velocity dq_b + ratio dq_a.
 
-    The ratio times this motor's torque, without its friction and inertia, is missing at
-    motor a; friction and inertia of the sum act on b.
+    Motor a lacks ratio times the torque of motor b, less its friction and inertia; on b
+    act friction and inertia at the motor's velocity. The first size is the ratio.
     """
     motion, torque = log.motion(current), log.torques(current)
     velocity = motion.dq[:, b] + ratio * motion.dq[:, a]
@@ -145,10 +145,10 @@ def _coupling(
     columns = np.zeros((log.n, log.data.count, len(of_a) + len(of_b)))
     columns[a, :, : len(of_a)] = np.column_stack(of_a)
     columns[b, :, len(of_a) :] = np.column_stack(of_b)
-    size = np.sqrt(np.mean(columns**2, axis=1)).max(axis=0)
-    of_joints = np.sqrt(np.mean(torque**2, axis=1))
-    load = np.repeat(of_joints[[a, b]], [len(of_a), len(of_b)])
-    sd = _SD_OF_SHARE * load / np.maximum(size, 1e-12)
+    rms_of_columns = np.sqrt(np.mean(columns**2, axis=1)).max(axis=0)
+    rms_of_torques = np.sqrt(np.mean(torque**2, axis=1))  # (n,)
+    load = np.repeat(rms_of_torques[[a, b]], [len(of_a), len(of_b)])
+    sd = _SD_OF_SHARE * load / np.maximum(rms_of_columns, 1e-12)
     sd[0] = _SD_OF_RATIO
     recompute = partial(_coupling, log, a, b, ratio=ratio)
     return ExtraTorque(columns, np.maximum(sd, 1e-12), recompute=recompute)

@@ -78,10 +78,11 @@ def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:
     """Yield a fault for each joint whose zero the transform changes, by more than its
     unit of positions does."""
     _, of_unit = position_unit.undone_unit(log, transform)
-    middles = np.array([of_unit.get(j, (1.0, 0.0))[1] for j in range(log.n)])
-    offsets = (
-        np.array(transform.zero) - middles
-    )  # [rad, m]; the zero is away by minus that
+    middles = np.zeros(log.n)
+    for j, numbers in of_unit.items():
+        middles[j] = numbers.middle
+    # What the repair adds [rad, m]; the encoder's zero is off by minus that.
+    offsets = np.array(transform.zero) - middles
     for j in np.flatnonzero(offsets).tolist():
         offset = float(offsets[j])
         size_text = degrees_text if j in log.revolute else _metres
