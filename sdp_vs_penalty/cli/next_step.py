@@ -33,20 +33,19 @@ def say_what_follows(
     data: NamedRuns,
     gravity: str | None = None,
 ) -> None:
-    """Print the command that diagnoses a model, or the one that reports it where its
-    runs show nothing that is missing.
+    """Print the next command: `report` if a verdict says that nothing is missing in the
+    model, else `diagnose`.
 
-    The diagnosis searches in the runs that the model was identified from, where their
-    files are still there. A run that judged the model stays unseen, so that it can judge
-    what is added too; where it alone is left, or its mounting is another, a sentence says
-    that it does not any more.
+    `diagnose` searches in the runs that the model was identified from, so that ``data``
+    stay unseen. If those files are gone, or ``data`` have another mounting, it searches in
+    ``data``, and a sentence says that they are unseen no longer.
 
     Parameters
     ----------
     verdict
-        On the given runs, if they were judged.
+        The model's, on ``data``; None if they were not judged.
     data, gravity
-        As they were given; gravity where it is not the model's.
+        Runs that judged the model; their gravity [m/s^2] as text, if not the model's.
     """
     mounting = [] if gravity is None else ["--gravity", gravity]
     if verdict is not None and not verdict.is_something_missing:

@@ -169,8 +169,11 @@ def judging_runs(
 def named_test(
     test: Path | None, window: str | None, *, as_written: bool
 ) -> NamedRuns | None:
-    """Return the run of --test with its part, and read as --data is; raise InputError for
-    a part without a run."""
+    """Return the run of --test, and the window of it that counts; None without --test.
+
+    as_written : whether it is read without any guess of its units, as --data is. Raises
+    InputError for a window without a run.
+    """
     if test is None and window is not None:
         remedy = "name the run that it is a part of with --test"
         raise InputError(f"--test-window {window!r}", remedy)

@@ -220,7 +220,8 @@ class ArmModel:
         self._index += self._first  # the joints' tables stand end to end
 
     def _read(self, table: Array) -> None:
-        """Interpolate a table at the places that were found, into ``_low`` (n,)."""
+        """Interpolate a table linearly at the velocities of :meth:`_find_place`; the result
+        (n,) is in ``_low``, so that nothing is allocated."""
         np.take(table, self._index, out=self._low, mode="clip")
         self._index += 1
         np.take(table, self._index, out=self._high, mode="clip")

@@ -156,8 +156,8 @@ def task_content(task: Task) -> tuple[object, ...]:
     task : Task
         The data and constraints of an estimator.
     """
-    apart = ("model", "progress")
-    parts = [getattr(task, f.name) for f in fields(task) if f.name not in apart]
+    not_hashed = ("model", "progress")  # the model's content is hashed below
+    parts = [getattr(task, f.name) for f in fields(task) if f.name not in not_hashed]
     model = task.model
     return (*parts, model.robot.to_dict(), model.parameters, model.known)
 

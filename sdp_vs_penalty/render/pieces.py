@@ -93,8 +93,10 @@ def bars(
     colours: str = "before (grey), after (blue)",
     other: Sequence[float] | Array | None = None,
 ) -> Markup:
-    """Draw one bar for each joint: its error over its noise, or as a share of its torque
-    where no noise is known, before (grey), after (blue), and both in N m or N.
+    """Draw one bar for each joint with its error before (grey) and after a change (blue).
+
+    Bars are in multiples of the joint's noise, or as a share of its torque where no noise
+    is known; the text beside them is in N m or N.
 
     Parameters
     ----------

@@ -273,8 +273,11 @@ def find_repairs(
 
 
 def find_exchanges(written: WrittenInertial) -> list[Repair]:
-    """Return the exchanges of two moments, the likeliest first, by which a link that can
-    exist fits its shapes so much better that an exchange is likelier than none."""
+    """Return the exchanges of two moments of inertia that explain a link that can exist but
+    does not look like its shapes, the likeliest first.
+
+    An exchange must make the link ten times likelier for each of _INVENTED characters.
+    """
     if written.shape is None:
         return []
     as_written = written.plausibility(written.barycentric())

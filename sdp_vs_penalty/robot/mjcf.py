@@ -206,7 +206,8 @@ def load_bodies(
 def _load(
     path: str | Path, gravity: Sequence[float] | None, held: Mapping[str, float] | None
 ) -> tuple[MujocoModel, Robot, Array, list[PlacedBody]]:
-    """Return MuJoCo's model of a file, the robot, its links (links, 10) and bodies."""
+    """Return MuJoCo's model of a file, the robot, its links' standard parameters (links,
+    10), and where the file's bodies lie; see :func:`load_mjcf`."""
     model = _compiled(Path(path))
     held_positions = dict(held or {})
     constants, followers = _equalities(model)

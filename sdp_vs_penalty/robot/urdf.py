@@ -321,8 +321,10 @@ def coupling_elements(root: Any) -> list[Any]:
 
 
 def axes_left_out(root: Any) -> list[str]:
-    """List the moving joints without an <axis>, for which 1 0 0 counts; none if half of
-    the joints or more have no <axis>."""
+    """List the moving joints without an <axis>, whose axis is then 1 0 0 by URDF's rule.
+
+    Empty if half of the joints or more have none: the file then relies on the rule.
+    """
     moving = [x for x in root.findall("joint") if x.get("type") in _MOVING]
     without = [str(x.get("name")) for x in moving if x.find("axis") is None]
     return without if 2 * len(without) < len(moving) else []
@@ -335,10 +337,11 @@ def not_read(couplings: Sequence[str]) -> str:
 
 
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
-    """Return (10,) standard parameters of each moving link, and the massless links.
+    """Return the standard parameters (10,) of each moving link, with those of the links
+    fixed to it, and the indices of massless links.
 
-    Inertials of links that are fixed to it are added. A link counts as massless if its
-    inertial says so, and others have mass.
+    A link counts as massless if its <inertial> says so while other links have mass.
+    parts : for each moving link its <link> elements, each with its pose (4, 4) in it.
     """
     parameters = [
         [inertia.transform(at) @ read_inertial(e) for e, at in elements]

@@ -61,9 +61,12 @@ class Given(JsonRecord):
             what = f"{self.solver} is a contestant of the shootout"
             raise InputError(what, "give the solver another name")
 
-    def answer(self, made: Instance) -> Answer:
-        """Return the answer to an instance. Raises InputError for one of another size."""
-        p = len(made.task.bound)
+    def answer(self, instance: Instance) -> Answer:
+        """Return the answer to an instance, its parameters in the instance's units.
+
+        Raises InputError for another number of parameters than the instance has.
+        """
+        p = len(instance.task.bound)
         theta = np.full(p, np.nan)  # of an answer without numbers
         numbers = self.x if self.theta is None else self.theta
         if numbers is not None:
@@ -74,7 +77,7 @@ class Given(JsonRecord):
                 raise InputError(what, "write theta, or the variables of problem.cbf")
             theta = np.array(numbers)[:p]
             if self.theta is None:
-                theta = made.sdp.centre + made.sdp.theta_scale * theta
+                theta = instance.sdp.centre + instance.sdp.theta_scale * theta
         return Answer(theta, self.claimed, self.status)
 
 

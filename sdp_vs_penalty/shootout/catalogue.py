@@ -44,7 +44,8 @@ def in_unit(mass: float, length: float) -> Change:
 
 
 def as_gram(mass: float, length: float) -> Change:
-    """Return a change to the bare quadratic form, in other units of mass and length."""
+    """Return a change of an instance to its bare quadratic form theta^T G theta, in units
+    of mass [kg] and length [m]."""
 
     def change(instance: Instance) -> Instance:
         """Return the instance whose Gram matrix doubles hold without rounding."""

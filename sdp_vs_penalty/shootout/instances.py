@@ -438,15 +438,17 @@ def _task(robot: str, source: str, stop: float) -> Task:
         described = experiment(problem)
         run = described.training_run(seed=0)
         effects = described.effects
-    task = build_problem(problem, _part(run, problem, stop), PoseOptions(effects)).task
+    task = build_problem(
+        problem, _first_seconds(run, problem, stop), PoseOptions(effects)
+    ).task
     return replace(task, constraints=ConstraintSet(task.constraints.convex))
 
 
-def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
-    """Return the first ``stop`` seconds of a run.
+def _first_seconds(run: Measurements, problem: Problem, stop: float) -> Measurements:
+    """Return the first ``stop`` [s] of a run.
 
-    A run below 5 s begins where the robot has started to move. It is extended by the
-    time that the filters lose at both ends.
+    Below 5 s they count from where the robot has started to move, and the time that the
+    filters lose at both ends is added: little else would be left.
     """
     if stop >= 5.0:
         return run.window(0.0, stop)

@@ -328,8 +328,9 @@ def _processor() -> float:
     """
     # Not time.process_time: while a timer of processor time runs, Linux updates that
     # clock at its ticks only, milliseconds apart.
-    of = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    return sum(used.ru_utime + used.ru_stime for used in map(resource.getrusage, of))
+    whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    usages = map(resource.getrusage, whose)
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 #: A run is not repeated once its repetitions took so long together [s].

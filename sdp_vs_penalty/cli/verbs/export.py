@@ -129,13 +129,14 @@ def _samples(
 def _judged_as_exported(
     estimate: Estimate, out: Path, runs: Runs | None, refit: bool
 ) -> tuple[AsExported | None, str]:
-    """Judge what a file that cannot hold all of the model holds of it, identified again
-    from the runs to train on with ``refit``.
+    """Judge the part of a model that an exported file can hold, identified again from the
+    training runs if ``refit``.
 
     Returns
     -------
     AsExported or None, str
-        None without runs; how the errors change, in words.
+        The judged part, None without runs; how its errors differ from the whole model's,
+        in words.
     """
     from sdp_vs_penalty.api.exporting import judge_as_exported
     from sdp_vs_penalty.diagnosis.comparison import compare

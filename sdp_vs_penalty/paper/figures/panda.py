@@ -46,7 +46,8 @@ class _UnseenMotion(NamedTuple):
 def _folds(
     study: Study, methods: Mapping[str, str | Estimator]
 ) -> Iterator[_UnseenMotion]:
-    """Yield the folds of the real run, each by the models estimated without it."""
+    """Yield the folds of the real run, each with the torque predicted by models that were
+    estimated without it."""
     data = study.measured
     assert data is not None
     rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
@@ -64,8 +65,8 @@ def _folds(
 def _stretches(
     study: Study, methods: Mapping[str, str | Estimator], is_measured: bool
 ) -> Iterator[_UnseenMotion]:
-    """Yield the folds of the real run, each by the models estimated without it, or the
-    simulated validation runs."""
+    """Yield stretches of motion with the torques that models predict without having seen
+    them: folds of the real run, or the simulated validation runs."""
     if is_measured:
         yield from _folds(study, methods)
         return

@@ -49,40 +49,38 @@ def fold_errors(result: CrossValidation) -> Array:
 def interval_of(values: Array) -> FoldInterval:
     """Return the mean of independent values (k,) with its interval."""
     k = len(values)
-    spread = float(np.std(values, ddof=1)) / math.sqrt(k)
-    return _interval(float(np.mean(values)), spread, k)
+    std_of_mean = float(np.std(values, ddof=1)) / math.sqrt(k)
+    return _interval(float(np.mean(values)), std_of_mean, k)
 
 
 def error_interval(
-    result: CrossValidation, less: CrossValidation | None = None
+    result: CrossValidation, baseline: CrossValidation | None = None
 ) -> FoldInterval:
-    """Return the error of all folds together with its interval by the jackknife.
+    """Return a method's relative error on all folds together [%], or its difference from a
+    baseline's [percentage points], with the 95 % interval by the jackknife over the folds.
 
     Parameters
     ----------
-    less : CrossValidation, optional
-        That of another method on the same folds, whose error is subtracted.
-
-    Returns
-    -------
-    FoldInterval
-        [%], of a difference [percentage points].
+    baseline : CrossValidation, optional
+        Another method's on the same folds, whose error is subtracted.
     """
-    whole, without = result.relative_error_percent, _errors_without(result)
-    if less is not None:
-        whole -= less.relative_error_percent
-        without = without - _errors_without(less)
-    return _interval(whole, float(jackknifed(without)[1]), len(without))
+    error, errors_without = result.relative_error_percent, _errors_without(result)
+    if baseline is not None:
+        error -= baseline.relative_error_percent
+        errors_without = errors_without - _errors_without(baseline)
+    std = float(jackknifed(errors_without)[1])
+    return _interval(error, std, len(errors_without))
 
 
 def _errors_without(result: CrossValidation) -> Array:
-    """Return the error of all folds but each (k,) [%]."""
-    lost = [fold.losses.sum() for fold in result.folds]
-    torque = [fold.torque_squared.sum() for fold in result.folds]
-    return relative_errors_without(np.array(lost), np.array(torque))
+    """Return the relative errors (k,) [%] of all but one of k folds, each left out in
+    turn."""
+    squared_error = [fold.losses.sum() for fold in result.folds]
+    squared_torque = [fold.torque_squared.sum() for fold in result.folds]
+    return relative_errors_without(np.array(squared_error), np.array(squared_torque))
 
 
-def _interval(value: float, spread: float, k: int) -> FoldInterval:
-    """Return value +- t spread with Student's t of k - 1 degrees of freedom, 95 %."""
-    half = student_95(k) * spread
+def _interval(value: float, std: float, k: int) -> FoldInterval:
+    """Return value +- t std with Student's t of k - 1 degrees of freedom, 95 %."""
+    half = student_95(k) * std
     return FoldInterval(value, lower=value - half, upper=value + half)

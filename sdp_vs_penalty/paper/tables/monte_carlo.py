@@ -356,8 +356,10 @@ def monte_carlo(study: Study) -> StudyTable:
 def _all_draws(
     study: Study, plan: Sequence[tuple[tuple[Method, ...], int]]
 ) -> dict[str, dict[str, Draws]]:
-    """Return every draw by setting and method. Each is kept on the disk when it is done:
-    a study that was stopped goes on where it was."""
+    """Return the results of all draws, by setting and method.
+
+    Each draw is cached on the disk, so that a study that was stopped continues.
+    """
     draws = [
         Draw(study.problem.name, setting, number, methods)
         for methods, count in plan
@@ -367,11 +369,11 @@ def _all_draws(
     # Annealing first: it is long. Draw by draw, so that what was stopped has whole draws.
     draws.sort(key=lambda draw: (len(draw.methods) > 1, draw.number))
     study.progress(f"{len(draws)} draws")
-    found: dict[str, dict[str, Draws]] = {setting.name: {} for setting in SETTINGS}
+    by_setting: dict[str, dict[str, Draws]] = {x.name: {} for x in SETTINGS}
     for draw, results in zip(draws, study.workers.map(results_of, draws), strict=True):
         for name, result in results.items():
-            found[draw.setting.name].setdefault(name, []).append(result)
-    return found
+            by_setting[draw.setting.name].setdefault(name, []).append(result)
+    return by_setting
 
 
 def _beside_default(errors: Array, usual: Array | None) -> Row:
@@ -425,8 +427,8 @@ def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
 
 
 def _prior_alone(study: Study, setting: Setting) -> Row:
-    """Return the row of the prior itself, with the friction that suits it best on the
-    unseen motion: what the default's prior would predict without data."""
+    """Return the row of the default method's prior without data: the nominal links, with
+    the friction that fits the unseen motion best."""
     truth = truth_of(study.problem.name, setting)
     unseen = truth.unseen.least_squares()
     prior = np.full(unseen.R.shape[1], np.nan)

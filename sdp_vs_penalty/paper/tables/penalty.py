@@ -387,15 +387,19 @@ def retrieved(study: Study) -> StudyTable:
 
 
 def retrieval(study: Study) -> Retrieval:
-    """Return the published links and the certified optima of the authors' objective."""
-    # Friction has no part in it: the links alone.
+    """Return the published links and the certified optima of the authors' two-step
+    objective, the squared distance of the base parameters B theta from their targets.
+
+    It is about the links alone, without friction. One optimum is within the bounds as
+    published, the other within those of the authors' program.
+    """
     data = replace(study.whole[-1], model=study.problem.model("rigid_body"))
     task = study.task(data)
     cells = study.problem.published["two_step_targets"]
-    kept = np.array([int(row["row"]) - 1 for row in cells])
+    in_objective = np.array([int(row["row"]) - 1 for row in cells])
     target = np.array([float(row["target"]) for row in cells])
     distance = LeastSquares(
-        study.base[kept],
+        study.base[in_objective],
         rho=target,
         residual_norm=0.0,
         tau_squared=float(target @ target),
@@ -403,12 +407,12 @@ def retrieval(study: Study) -> Retrieval:
     )
     rows = data.regression.least_squares()
     # Y theta = Y_base B theta, B with independent rows.
-    by_coefficient = rows.R @ np.linalg.pinv(study.base)
-    other = with_bounds(study.problem, THEIR_BOUNDS)
-    their_task = make_task(other, data.model, data.regression)
+    torque_by_base = rows.R @ np.linalg.pinv(study.base)
+    authors_problem = with_bounds(study.problem, THEIR_BOUNDS)
+    their_task = make_task(authors_problem, data.model, data.regression)
     return Retrieval(
         distance,
-        torque=by_coefficient[:, kept],
+        torque=torque_by_base[:, in_objective],
         n_samples=rows.rows,
         p_hat=study.published_links["p_hat"].ravel(),
         task=task,

@@ -125,15 +125,16 @@ def row_of(
     methods: Mapping[str, str | Estimator],
     judged: Mapping[str, CrossValidation],
 ) -> Row:
-    """Return a method's row: error on unseen motion with its interval, and less that of
-    the SDP; loss above the optimum, violations, time.
+    """Return a method's row: its error on unseen motion, the difference from the SDP's,
+    both with their intervals; its loss above the optimum, violations and time.
 
     Parameters
     ----------
-    methods : mapping
-        Names of methods by their row.
-    judged : mapping
-        Their cross-validations on the real run, if there are any.
+    name : str
+        Name of the row.
+    methods, judged : mapping
+        Methods, and their cross-validations on the real run (empty without it), by the
+        name of their row.
     """
     result = study.estimated(methods[name], data)
     task = study.task(data)
@@ -141,7 +142,7 @@ def row_of(
     assert optimum is not None
     error = error_interval(judged[name]) if judged else None
     is_compared = judged and name != SDP
-    less = error_interval(judged[name], judged[SDP]) if is_compared else None
+    difference = error_interval(judged[name], judged[SDP]) if is_compared else None
     of_links, of_friction = worst_violations(task, result.theta)
     links = link_figures(study.problem, result.theta[task.links])
     is_published = name.endswith(PUBLISHED_LINKS)
@@ -149,8 +150,8 @@ def row_of(
         "method": name,
         "unseen_error_percent": error.value if error else data.errors(result.theta)[1],
         "interval_percent": error and error.in_words,
-        "less_sdp_points": less and less.value,
-        "less_sdp_interval": less and less.in_words,
+        "less_sdp_points": difference and difference.value,
+        "less_sdp_interval": difference and difference.in_words,
         "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
         "gap": result.certificate.gap,
         "links_violation": of_links,

@@ -94,9 +94,9 @@ def _row(study: Study, case: Case) -> Row:
     for name, result in judged.items():
         row[f"{name}_error_percent"] = result.relative_error_percent
     for name in ("ols", "two_step"):
-        less = error_interval(judged[name], judged["sdp"])
-        row[f"{name}_less_sdp_points"] = less.value
-        row[f"{name}_interval_points"] = less.in_words
+        difference = error_interval(judged[name], baseline=judged["sdp"])
+        row[f"{name}_less_sdp_points"] = difference.value
+        row[f"{name}_interval_points"] = difference.in_words
         won = fold_errors(judged["sdp"]) < fold_errors(judged[name])
         row[f"{name}_lost_folds"] = int(won.sum())
     return row

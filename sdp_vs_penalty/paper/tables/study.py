@@ -218,8 +218,8 @@ class Frozen(Estimator):
     others: Array | float = np.nan
 
     def fit(self, task: Task) -> Fit:
-        """Keep the given links, and fit the other parameters to the torque where they
-        are NaN."""
+        """Return a fit with this estimator's links; of the other parameters, those that
+        are NaN are fitted to the torque by least squares."""
         theta = np.empty(len(task.bound))
         links = task.model.rigid_indices
         theta[links] = self.links.ravel()
@@ -227,13 +227,13 @@ class Frozen(Estimator):
         return Fit(refitted(task.data, theta), task.problem)
 
 
-def refitted(data: LeastSquares, links_given: Array) -> Array:
-    """Fit the parameters that are NaN in (p,) ``links_given`` by least squares, with
-    all others fixed; return all (p,)."""
-    free = np.isnan(links_given)
-    theta = np.nan_to_num(links_given)
-    left_to_explain = data.rho - data.R @ theta
-    theta[free] = np.linalg.lstsq(data.R[:, free], left_to_explain, rcond=None)[0]
+def refitted(data: LeastSquares, parameters: Array) -> Array:
+    """Return the parameters (p,) with those that are NaN fitted by least squares, all
+    others fixed."""
+    is_free = np.isnan(parameters)
+    theta = np.nan_to_num(parameters)
+    residual = data.rho - data.R @ theta
+    theta[is_free] = np.linalg.lstsq(data.R[:, is_free], residual, rcond=None)[0]
     return theta
 
 
@@ -648,16 +648,15 @@ def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
 
 
 def worst_violations(task: Task, theta: Array) -> tuple[float, float]:
-    """Return the largest violation of the demands on links, and of all others.
+    """Return the largest violation of the constraints on links, and of all others.
 
-    A violation belongs to what violates: published links, for instance, do not answer
-    for friction that was fitted beside them.
+    They are separate because friction may be fitted beside published links.
 
     Returns
     -------
     tuple of float
         Of the links (masses, centres of mass, inertias), and of friction and offsets,
-        each in its own unit; 0 below rounding.
+        each in the constraint's unit; 0 below rounding.
     """
     links = task.model.rigid_indices
     convex, nonconvex = task.constraints.convex, task.constraints.nonconvex

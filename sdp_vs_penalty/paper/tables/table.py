@@ -34,7 +34,7 @@ class TableSpec:
     slow: bool = False
 
     def made(self, study: Any) -> StudyTable:
-        """Build the table, and give it its name and caption.
+        """Return the table that this specification builds, with its name and caption.
 
         Parameters
         ----------

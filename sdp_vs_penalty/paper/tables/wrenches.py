@@ -256,7 +256,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     task = study.task(study.simulated)
     n_retrievals = study.effort.retrievals
     content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
-    held = load_or_compute("wrenches", content, partial(_computed, study, Y))
+    held = load_or_compute("wrenches", content, partial(_wrench_arrays, study, Y))
     ends = (np.array(held[end.name]) for end in fields(WrenchIntervals))
     return WrenchStudy(
         t=t,
@@ -269,12 +269,12 @@ def wrench_study(study: Study) -> WrenchStudy:
     )
 
 
-def _computed(study: Study, Y: Array) -> dict[str, Array]:
-    """Compute what takes long, as arrays by name.
+def _wrench_arrays(study: Study, Y: Array) -> dict[str, Array]:
+    """Compute the arrays of the wrench study, by name; they take long and are cached.
 
-    These are the ends of the intervals (M, n, 6), and the wrenches (k, M, n, 6) of
-    penalty runs and of relaxed retrievals. Y : (M, n, 6, 10 n) regressor of the
-    wrenches.
+    They are the ends of the intervals (M, n, 6) of each wrench component [N, N m] at M
+    instants, and the wrenches (k, M, n, 6) of the links that k penalty runs and k relaxed
+    retrievals find. Y : (M, n, 6, 10 n) regressor of the wrenches.
     """
     problem = study.problem
     model = problem.model("rigid_body")

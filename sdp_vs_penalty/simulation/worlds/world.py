@@ -202,9 +202,8 @@ def bristles(
 def _step_of_bristles(
     dq: Array, share: Array, step: float, travel: Array, level: Callable[[Array], Array]
 ) -> tuple[Array, Array]:
-    """Return how the bristle state moves in a step at constant velocities dq (N, n).
-
-    z becomes goal + (z - goal) decay, both (N, n).
+    """Return decay and goal (N, n) of the bristle state z in a step at constant velocities
+    dq (N, n): z becomes goal + (z - goal) decay.
 
     Parameters
     ----------
@@ -217,9 +216,9 @@ def _step_of_bristles(
     level : callable
         Where |z| settles at a velocity.
     """
-    reach = level(dq)
-    decay = np.exp(-np.abs(dq) * share * step / (travel * reach))
-    return decay, np.sign(dq) * reach
+    settled = level(dq)
+    decay = np.exp(-np.abs(dq) * share * step / (travel * settled))
+    return decay, np.sign(dq) * settled
 
 
 @dataclass(frozen=True)
