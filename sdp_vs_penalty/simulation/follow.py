@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -398,6 +398,39 @@ def follow(
         )
     if drive != "servo":
         estimate, runs = driven(estimate, runs)
+    plant = _movable_plant(estimate)
+    if steps is not None:
+        runs = window_subsample(runs, estimate.preprocessing.resolve(runs))
+    driven_plants = _drive_along(runs, estimate, plant, drive)
+    progress("simulating windows")
+    of_runs = [_simulate_windows(x, windows) for x in driven_plants]
+    errors = _WindowErrors(*map(np.concatenate, zip(*of_runs, strict=True)))
+    samples = _sampled_parameters(estimate, seed)
+    # A servo loop simulates the model itself only, so that it has no band.
+    parameters = samples[:1] if drive == "servo" else samples
+    free = []
+    for driven_plant in driven_plants:
+        progress(f"simulating {driven_plant.course.name} freely")
+        most_steps = None
+        if steps is not None:
+            most_steps = 1 + steps // (len(driven_plants) * driven_plant.substeps)
+        free.append(_simulate_free_run(estimate, parameters, driven_plant, most_steps))
+    first = driven_plants[0]
+    return Following(
+        drive,
+        estimate.robot.position_units,
+        one_step=Ahead.from_errors(
+            first.course.dt, errors.velocity, errors.naive_velocity
+        ),
+        ahead=Ahead.from_errors(_HORIZON, errors.position, errors.naive_position),
+        free=tuple(free),
+        left_out=plant.left_out,
+    )
+
+
+def _movable_plant(estimate: Estimate) -> Plant:
+    """Return the plant of a model. Raises InputError if its mass matrix is not positive
+    definite."""
     plant = Plant(estimate.model, estimate.theta)
     if not plant.can_move:
         what = (
@@ -406,44 +439,26 @@ def follow(
         )
         remedy = "identify with a method that imposes consistency (lmi-sdp, penalty)"
         raise InputError(what, remedy, f"model {estimate.problem.name}")
-    if steps is not None:
-        runs = window_subsample(runs, estimate.preprocessing.resolve(runs))
+    return plant
+
+
+def _drive_along(
+    runs: Measurements, estimate: Estimate, plant: Plant, drive: Drive
+) -> list[_DrivenPlant]:
+    """Return the plant along each course of the runs, with what drives it."""
     courses = list[Course]()
     shortest = 2.0 * _HORIZON  # stretches up to two windows are left out
     for run in runs.runs():
         courses += courses_of(run, estimate, plant, shortest)
     loop = (plant, 2.0 * np.pi * _LOOP_BANDWIDTH) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
-    rides = [_Ride(plant, course, loop, servo) for course in courses]
-    progress("simulating windows")
-    errors_of_rides = [_windows(ride, windows) for ride in rides]
-    # Each kind of error (W, n) over the windows of all runs.
-    one, far, naive_one, naive_far = (
-        np.concatenate(errors) for errors in zip(*errors_of_rides, strict=True)
-    )
-    samples = _sampled_parameters(estimate, seed)
-    free = []
-    for ride in rides:
-        progress(f"simulating {ride.course.name} freely")
-        most_steps = None
-        if steps is not None:
-            most_steps = 1 + steps // (len(courses) * ride.substeps)
-        # A servo loop simulates the model itself only, so that it has no band.
-        parameters = samples[:1] if servo else samples
-        free.append(_free_run(estimate, parameters, ride, most_steps))
-    return Following(
-        drive,
-        estimate.robot.position_units,
-        one_step=Ahead.from_errors(courses[0].dt, one, naive_one),
-        ahead=Ahead.from_errors(_HORIZON, far, naive_far),
-        free=tuple(free),
-        left_out=plant.left_out,
-    )
+    return [_DrivenPlant(plant, course, loop, servo) for course in courses]
 
 
 @dataclass(frozen=True)
-class _Ride:
-    """Plants along a measured course, and what drives them."""
+class _DrivenPlant:
+    """Plants (one model, or several samples of it) along a measured course, and what
+    drives them."""
 
     #: The plants that are simulated.
     plant: Plant
@@ -528,18 +543,25 @@ class _Ride:
         return state
 
 
-def _windows(ride: _Ride, most_windows: int) -> tuple[Array, Array, Array, Array]:
-    """Simulate short windows spread evenly over the moving part of a run.
+class _WindowErrors(NamedTuple):
+    """Errors (W, n) over W short windows, simulated minus measured."""
 
-    Returns
-    -------
-    four (W, n) arrays
-        Errors (simulated minus measured) of the velocity after one step and of the
-        position at the horizon; then both for a guess of constant velocity.
-    """
-    course = ride.course
-    states = ride.course.states
-    dt = ride.course.dt
+    #: Of the velocity after one sample [rad/s, m/s].
+    velocity: Array
+    #: Of the position at the horizon [rad, m].
+    position: Array
+    #: Of the velocity, if it stayed as it was.
+    naive_velocity: Array
+    #: Of the position at the horizon, at constant velocity.
+    naive_position: Array
+
+
+def _simulate_windows(driven_plant: _DrivenPlant, most_windows: int) -> _WindowErrors:
+    """Simulate short windows spread evenly over the moving part of a run, at most so
+    many."""
+    course = driven_plant.course
+    states = driven_plant.course.states
+    dt = driven_plant.course.dt
     steps = max(1, round(_HORIZON / dt))
     candidates = np.flatnonzero(course.moving[: len(states.t) - steps - 1])
     if not len(candidates):
@@ -550,12 +572,12 @@ def _windows(ride: _Ride, most_windows: int) -> tuple[Array, Array, Array, Array
     state = states.rows(start)
     velocity_error = np.zeros((len(start), states.q.shape[1]))
     for k in range(steps):
-        state = ride.step(state, start + k)
+        state = driven_plant.step(state, start + k)
         if k == 0:
             velocity_error = state.dq - states.dq[start + 1]
     measured = states.q[start + steps]
     at_constant_velocity = states.q[start] + steps * dt * states.dq[start]
-    return (
+    return _WindowErrors(
         velocity_error,
         state.q - measured,
         states.dq[start] - states.dq[start + 1],
@@ -596,22 +618,25 @@ def _sampled_parameters(estimate: Estimate, seed: int) -> Array:
     return np.array([estimate.theta, *movable])
 
 
-def _free_run(
-    estimate: Estimate, drawn: Array, measured: _Ride, most_steps: int | None
+def _simulate_free_run(
+    estimate: Estimate,
+    samples: Array,
+    driven_by_model: _DrivenPlant,
+    most_steps: int | None,
 ) -> FreeRun:
     """Simulate a run from its first moving state until it ends or leaves the measured
     one.
 
     Parameters
     ----------
-    drawn : (1 + d, p) array
+    samples : (1 + d, p) array
         The parameters, then samples of them, which give the band of the result.
     most_steps : int, optional
         Largest number of samples to simulate.
     """
     # All samples of the parameters are simulated at once; row 0 is the model itself.
-    ride = replace(measured, plant=Plant(estimate.model, drawn))
-    course = ride.course
+    driven_plant = replace(driven_by_model, plant=Plant(estimate.model, samples))
+    course = driven_plant.course
     states = course.states
     # Distance from which the simulation counts as having left the measured motion.
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
@@ -619,14 +644,14 @@ def _free_run(
     end = len(course.torque) - 1
     if most_steps is not None:
         end = min(end, start + most_steps)
-    motion, loop_torque = _simulated_freely(ride, start, end, limit)
+    motion, loop_torque = _simulate_until_it_leaves(driven_plant, start, end, limit)
     until = start + len(motion)
     # "not <=" is true for nan as well, where the simulation has overflown.
     last_error = np.abs(motion[-1, 0] - states.q[until - 1])
     has_left = not np.all(last_error <= limit)
     # Half width of the 95 % band that the parameters' uncertainty makes of the motion.
     spread = None
-    if len(drawn) > 2:
+    if len(samples) > 2:
         deviation = motion[:, 1:] - motion[:, :1]
         spread = NORMAL_95 * np.sqrt(np.nanmean(deviation**2, axis=(0, 1)))
     torque = course.torque[start:until]
@@ -644,8 +669,8 @@ def _free_run(
     )
 
 
-def _simulated_freely(
-    ride: _Ride, start: int, end: int, limit: Array
+def _simulate_until_it_leaves(
+    driven_plant: _DrivenPlant, start: int, end: int, limit: Array
 ) -> tuple[Array, Array]:
     """Simulate the samples from ``start`` to ``end``, from the measured state; stop where
     the first model is farther than limit (n,) from the measured motion.
@@ -653,20 +678,22 @@ def _simulated_freely(
     Returns
     -------
     (samples, models, n) array
-        Positions of all models of the ride's plant.
+        Positions of all models of the driven_plant's plant.
     (steps, n) array
         Torque that the loop adds for the first model; no steps without a loop.
     """
-    measured = ride.course.states
-    n_models = len(ride.plant.theta)
+    measured = driven_plant.course.states
+    n_models = len(driven_plant.plant.theta)
     state = measured.rows(np.full(n_models, start))
     motion = [state.q]
     loop_torque = []
     for k in range(start, end):
         sample = np.full(n_models, k)
-        if ride.loop is not None:
-            loop_torque.append(ride.added(state, sample, share=0.0, h=0.0)[0][0])
-        state = ride.step(state, sample)
+        if driven_plant.loop is not None:
+            loop_torque.append(
+                driven_plant.added(state, sample, share=0.0, h=0.0)[0][0]
+            )
+        state = driven_plant.step(state, sample)
         motion.append(state.q)
         if not np.all(np.abs(state.q[0] - measured.q[k + 1]) <= limit):
             break
