@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page.project import ProjectState
+from sdp_vs_penalty.page.project import ProjectState, with_issues
 from sdp_vs_penalty.page.spoken import progress_in_words
 from sdp_vs_penalty.page.worker import sentence
+from sdp_vs_penalty.records import to_json
 
 #: What is said where a job that something waited for was cancelled, or failed.
 _NOT_BEGUN = "What waited for it was not begun."
@@ -93,7 +94,7 @@ class JobQueue(ProjectState):
             "how": how,
         }
         try:
-            json.dumps(self.unfinished)
+            json.dumps(to_json(self.unfinished))
         except TypeError:  # it is of this tab
             self.unfinished = {}
         self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
@@ -161,7 +162,19 @@ class JobQueue(ProjectState):
             self.working = (self.working or Working()).hears(text)
             self.changed()
 
-        return await self.pool.run(request, hear)
+        return await self._answer(request, hear)
+
+    async def _answer(
+        self,
+        request: Mapping[str, Any],
+        progress: Callable[[str], None],
+        is_aside: bool = False,
+    ) -> dict[str, Any]:
+        """Return what a worker answers; issues of its runs are records."""
+        answer = await self.pool.run(request, progress, is_aside)
+        if "remedies" in answer:  # it has checked the runs
+            answer["runs"] = with_issues(answer["runs"])
+        return answer
 
     def _request(self, job: str, **details: Any) -> dict[str, Any]:
         """Return the request for a function of jobs.py: the session's state and the

@@ -358,7 +358,7 @@ def read(job: JobRequest) -> Answer:
     answer = {"refused": refused, "remarks": remarks, "mappings": mappings}
     judged = _judged(job, state, kept)
     issues = [issue for run in judged["runs"] for issue in run["findings"]]
-    if any(issue["position_unit"] for issue in issues):  # what else they may be
+    if any(issue.position_unit for issue in issues):  # what else they may be
         remarks[:] = [x for x in remarks if ": q may be " not in x]
     return answer | {"read": read_so} | judged
 
@@ -500,7 +500,7 @@ def _judged(job: JobRequest, state: State, kept: Sequence[Answer]) -> Answer:
     ]
     for record in records:
         if rougher := record.get("rougher"):
-            record["findings"].insert(0, _computed_torque(rougher).to_dict())
+            record["findings"].insert(0, _computed_torque(rougher))
     return {
         "runs": records,
         "remedies": to_json(list_remedies(reports)),
@@ -897,7 +897,7 @@ def keep(
         split = None
     else:
         split = split_run(problem, part)
-    findings = [issue.to_dict() for issue in report.by_cause]
+    findings = [*report.by_cause]
     view = f"view-{file}"
     if not (job.folder / file).exists():
         save_arrays(job.folder / file, columns_of(part))

@@ -29,6 +29,7 @@ from sdp_vs_penalty.page.runs import RobotAndRuns
 from sdp_vs_penalty.page.spoken import graded
 from sdp_vs_penalty.page.worker import sentence
 from sdp_vs_penalty.render.words import shown_cause, shown_finding
+from sdp_vs_penalty.results.issue import StoredIssue
 from sdp_vs_penalty.results.remedy import Change
 
 #: File of a motion to record.
@@ -145,12 +146,12 @@ class Models(RobotAndRuns):
         differing = {name.partition(", ")[0] for name in self.current.differing_tests}
         for run in self.runs:
             for issue in run["findings"] if run["name"] in differing else ():
-                is_new = issue["kind"] not in self.seen_issues
-                is_new &= issue["severity"] == "warning" and not issue["is_another_arm"]
-                grade = issue["certainty"]["grade"]
-                if issue["severity"] == "error" or (is_new and grade != POSSIBLE):
+                is_new = issue.kind not in self.seen_issues
+                is_new &= issue.severity == "warning" and not issue.is_another_arm
+                grade = issue.certainty.grade
+                if issue.severity == "error" or (is_new and grade != POSSIBLE):
                     said = graded(
-                        issue["what"].partition(" only: ")[2] or issue["what"], grade
+                        issue.what.partition(" only: ")[2] or issue.what, grade
                     )
                     return f"{run['name']}: {said}"
         return ""
@@ -220,14 +221,13 @@ class Models(RobotAndRuns):
         with np.load(self.folder / name, allow_pickle=False) as read:
             return dict(read)
 
-    def place_in_pictures(self, issue: Mapping[str, Any], run: str) -> str:
+    def place_in_pictures(self, issue: StoredIssue, run: str) -> str:
         """Say where an issue is on the clock of a run's pictures; "" of one about no
         instant, and where that clock is the log's."""
-        figures, begin = issue["figures"], self.begin_of(run)
-        instants = figures.get("span") or [figures["t"]] if "t" in figures else []
-        if not instants or not begin:
+        begin = self.begin_of(run)
+        if issue.at is None or not begin:
             return ""
-        texts = [f"{t - begin:.4g}" for t in instants]
+        texts = [f"{t - begin:.4g}" for t in issue.span or [issue.at]]
         return f"In the pictures: {' to '.join(texts)} s."
 
     async def identify_from(self, names: Collection[str]) -> None:

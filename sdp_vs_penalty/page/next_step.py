@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimation.verdict import LOG
 from sdp_vs_penalty.exporters.export import FILES_TO_TAKE
 from sdp_vs_penalty.page.model_step import joints_of
 from sdp_vs_penalty.page.models import MOTION
-from sdp_vs_penalty.page.run_issues import asks_for_unit, is_refused
+from sdp_vs_penalty.page.run_issues import asks_for_unit, is_of_all_torques, is_refused
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import label_of, repairs_in_words, spoken
 from sdp_vs_penalty.page.view import (
@@ -160,8 +160,8 @@ def _find_step(view: View) -> NextStep:
 
 def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
     """Return what is wrong with a run that waits, and what mends it, or to leave it out."""
-    found = [x for x in run["findings"] if x["severity"] != "note"]
-    remedies = [from_json(Remedy, x) for issue in found for x in issue["remedies"]]
+    found = [x for x in run["findings"] if x.severity != "note"]
+    remedies = [x for issue in found for x in issue.remedies]
     remedy = next_remedy(remedies)
     refused = [x["change"] for x in session.remedies if "refused" in x]
     if remedy is not None and to_json(remedy.change) not in refused:
@@ -173,7 +173,7 @@ def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
     else:
         do = partial(session.start, session.use, run["file"], "")
         label = f"Leave {run['name']} out"
-        text = found[0]["what"] if found else "its torque is in another unit."
+        text = found[0].what if found else "its torque is in another unit."
     return NextStep(f"{run['name']}: {text}", label, "check", do, level="bad")
 
 
@@ -299,9 +299,9 @@ def _question_of_unit(session: Session) -> tuple[str, str]:
     """Return how Check asks for the unit of all torques, and its field."""
     text, field = "", ""
     for k, (issue, _) in reversed([*enumerate(session.issues)]):
-        for n, remedy in enumerate(issue["remedies"]):
-            if remedy["change"]["arguments"].get("scale") == {"tau": None}:
-                text = graded(issue["what"], remedy["certainty"])
+        for n, remedy in enumerate(issue.remedies):
+            if is_of_all_torques(remedy.change):
+                text = graded(issue.what, remedy.certainty)
                 field = f"remedy-{k}-{n}-gains"
     return text, field
 
@@ -310,7 +310,7 @@ def _with_published_gains(session: Session, remedy: Remedy) -> Remedy:
     """Return a remedy that asks for the unit of all torques with the published drive
     gains of the robot; without these, and any other remedy, as it is."""
     gains = session.published_gains
-    if remedy.change.arguments.get("scale") != {"tau": None} or not gains:
+    if not (gains and is_of_all_torques(remedy.change)):
         return remedy
     words = "read the torque by the published drive gains"
     change = Change("read", words, {"scale": {"tau": ":".join(gains)}})

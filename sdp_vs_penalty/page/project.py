@@ -79,6 +79,14 @@ def _alike_once(texts: Iterable[str]) -> tuple[str, ...]:
     )
 
 
+def with_issues(runs: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return runs of a file or an answer, in which issues are JSON, with records of them."""
+    return [
+        {**run, "findings": from_json(tuple[StoredIssue, ...], run["findings"])}
+        for run in runs
+    ]
+
+
 def read_state(folder: Path) -> dict[str, Any]:
     """Return the content of a project's state; its runs are files of the folder alone.
 
@@ -331,8 +339,7 @@ class ProjectState:
                 run.setdefault("in_commands", run["name"])
                 run["name"] = name_beside(run["name"], taken)
                 taken.append(run["name"])
-                issues = [StoredIssue.from_dict(x) for x in run["findings"]]
-                run["findings"] = to_json(issues)
+            kept["runs"] = with_issues(kept["runs"])
             # An older version does not know the change, and the effect in words alone.
             none = {"verb": "", "arguments": {}}
             kept["repairs"] = [

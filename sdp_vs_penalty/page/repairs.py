@@ -16,6 +16,7 @@ from sdp_vs_penalty.page.models import Models
 from sdp_vs_penalty.page.project import KEPT
 from sdp_vs_penalty.page.runs import _DROPPED
 from sdp_vs_penalty.page.spoken import label_of, spoken
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.joint import parse_held
 
@@ -76,11 +77,11 @@ class Repairs(Models):
         for change in untried:
             request = self._change_request(change)
             try:
-                answer = await self.pool.run(request, no_progress, is_aside=True)
+                answer = await self._answer(request, no_progress, is_aside=True)
             except InputError as error:
                 self._keep_outcome(change, {"refused": error.without_command})
             else:
-                self.foreseen[json.dumps(request)] = answer
+                self.foreseen[json.dumps(to_json(request))] = answer
                 self._keep_outcome(change, {"effect": answer["effect"]})
             self.save()
             self.changed()
@@ -207,7 +208,8 @@ class Repairs(Models):
         words = request["change"]["words"]
         self._doing(title=label_of(words), status="")
         try:
-            answer = self.foreseen.get(json.dumps(request)) or await self._run(request)
+            known = self.foreseen.get(json.dumps(to_json(request)))
+            answer = known or await self._run(request)
         except InputError as error:
             self._keep_outcome(change, {"refused": error.without_command})
             raise

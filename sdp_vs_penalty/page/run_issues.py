@@ -10,6 +10,8 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.page.job_queue import JobQueue
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.problem.check_command import CheckCommand
+from sdp_vs_penalty.results.issue import StoredIssue
+from sdp_vs_penalty.results.remedy import Change
 
 #: Letters of a place that is named beside a fault among others.
 _MOST_OF_PLACE = 20
@@ -17,17 +19,23 @@ _MOST_OF_PLACE = 20
 
 def is_refused(run: Mapping[str, Any]) -> bool:
     """Whether the check calls something in a run an error."""
-    return any(issue["severity"] == "error" for issue in run["findings"])
+    return any(issue.severity == "error" for issue in run["findings"])
 
 
 def asks_for_unit(run: Mapping[str, Any]) -> bool:
     """Whether the check asks in which unit the torques of a run are, and nobody has
     answered."""
-    return not run.get("stated") and any(
-        remedy["change"]["arguments"].get("scale") == {"tau": None}
-        for issue in run["findings"]
-        for remedy in issue["remedies"]
-    )
+    return not run.get("stated") and any(map(is_unit_asked, run["findings"]))
+
+
+def is_unit_asked(issue: StoredIssue) -> bool:
+    """Whether an issue asks in which unit all torques are."""
+    return any(is_of_all_torques(remedy.change) for remedy in issue.remedies)
+
+
+def is_of_all_torques(change: Change) -> bool:
+    """Whether a change reads all torques in a unit that only the person knows."""
+    return change.arguments.get("scale") == {"tau": None}
 
 
 @dataclass
@@ -54,11 +62,11 @@ class RunIssues(JobQueue):
         With any of them, a model identified from these runs would be meaningless.
         """
         return [
-            spoken(f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}")
+            spoken(f"{run['name']}: {f.what.rstrip('.')}: {f.remedy}")
             for run in self.runs
             if run["use"] in ("train", "split")
             for f in run["findings"]
-            if f["severity"] == "error"
+            if f.severity == "error"
         ]
 
     @property
@@ -69,42 +77,40 @@ class RunIssues(JobQueue):
         differing = [
             run
             for run in training
-            if any(issue["is_another_arm"] for issue in run["findings"])
+            if any(issue.is_another_arm for issue in run["findings"])
         ]
         return differing if len(differing) < len(training) else []
 
     @property
-    def warnings(self) -> list[dict[str, Any]]:
+    def warnings(self) -> list[StoredIssue]:
         """What the check found in the runs; notes do not count."""
         issues = [issue for run in self.runs for issue in run["findings"]]
-        return [issue for issue in issues if issue["severity"] != "note"]
+        return [issue for issue in issues if issue.severity != "note"]
 
     @property
-    def issues(self) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
+    def issues(self) -> list[tuple[StoredIssue, list[dict[str, Any]]]]:
         """Each issue of the check once, with the runs that have it.
 
         Issues are the same if kind, place and remedy are equal; the first run's sentence
-        stands for all. Example: [({"kind": "torque sign", ...}, [run 1, run 2])].
+        stands for all. Example: [(the issue "torque sign", [run 1, run 2])].
         """
-        groups = dict[
-            tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]
-        ]()
+        groups = dict[tuple[str, str, str], tuple[StoredIssue, list[dict[str, Any]]]]()
         for run in self.runs:
             for issue in run["findings"]:
-                key = (issue["kind"], issue["where"], issue["remedy"])
+                key = (issue.kind, issue.where, issue.remedy)
                 groups.setdefault(key, (issue, []))[1].append(run)
         return list(groups.values())
 
     @property
     def kinds_of_issue(self) -> list[str]:
         """Kinds of what the check found in the runs, each once."""
-        return sorted({issue["kind"] for issue in self.warnings})
+        return sorted({issue.kind for issue in self.warnings})
 
     @property
     def kinds_to_see(self) -> set[str]:
         """Kinds of what the check found that asks for something, and that the person was
         not led to."""
-        asking = {issue["kind"] for issue in self.warnings if issue["needs_action"]}
+        asking = {issue.kind for issue in self.warnings if issue.needs_action}
         return asking - {*self.seen_issues}
 
     def see_issues(self) -> None:
@@ -117,7 +123,7 @@ class RunIssues(JobQueue):
         """Return the units of a run's positions and of its torque where these are not the
         robot's; "" where they are."""
         (one,) = (x for x in self.runs if x["name"] == run)
-        units = [issue["position_unit"] for issue in one["findings"]]
+        units = [issue.position_unit for issue in one["findings"]]
         position = next(filter(None, units), "")
         torque = one.get("torque_unit") or ("A?" if asks_for_unit(one) else "")
         return position, torque
@@ -128,18 +134,16 @@ class RunIssues(JobQueue):
         faults_by_runs = dict[str, list[str]]()
         made = set(change["arguments"].get("apply", ()))
         for issue, runs in self.issues:
-            repairs = [x["change"] for x in issue["remedies"]]
-            if change in repairs or change["verb"] != "transform":
+            repairs = [remedy.change for remedy in issue.remedies]
+            if change["verb"] != "transform" or Change.from_dict(change) in repairs:
                 return ""
-            words = [
-                x["arguments"]["apply"] for x in repairs if "apply" in x["arguments"]
-            ]
+            words = [x.arguments["apply"] for x in repairs if "apply" in x.arguments]
             if not any(made.issuperset(word) for word in words):
                 continue
             names = formatting.words([run["name"] for run in runs])
             names = "all runs" if len(runs) == len(self.runs) > 1 else names
-            where = issue["where"] if len(issue["where"]) < _MOST_OF_PLACE else ""
-            fault = f"{issue['kind']} ({where})".removesuffix(" ()")
+            where = issue.where if len(issue.where) < _MOST_OF_PLACE else ""
+            fault = f"{issue.kind} ({where})".removesuffix(" ()")
             faults_by_runs.setdefault(names, []).append(fault)
         found = faults_by_runs.items()
         return "; ".join(f"{formatting.words(x)} in {names}" for names, x in found)

@@ -13,6 +13,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.page.repairs import Repairs
 from sdp_vs_penalty.page.runs import kind_of
+from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 
 
@@ -86,7 +87,7 @@ class Session(Repairs):
         options : further fields of the request, such as the flange of a payload.
         """
         request = self._content(name, options)
-        if self.made.get(name) == json.dumps(request):
+        if self.made.get(name) == json.dumps(to_json(request)):
             ready(name)
         elif self.task is None:
             self.start(self._take_file, request, ready)
@@ -116,7 +117,7 @@ class Session(Repairs):
         except InputError as error:
             self.say(f"{name}: {error}")
             return
-        self.made[name] = json.dumps(request)
+        self.made[name] = json.dumps(to_json(request))
         self.taken = {*self.taken, name}
         self.say()
         ready(name)

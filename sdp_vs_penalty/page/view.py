@@ -206,12 +206,12 @@ def checked(session: Session) -> StageVerdict:
         return StageVerdict("bad", session.meaningless[0], "Check failed")
     if warnings := session.warnings:
         others = len(session.kinds_of_issue) - 1
-        first, grade = warnings[0], warnings[0]["certainty"]["grade"]
+        first, grade = warnings[0], warnings[0].certainty.grade
         having = next((r for issue, r in session.issues if issue is first), ())
         names = formatting.words([run["name"] for run in having or session.runs])
-        text = first["heading"] or first["kind"]
-        if not first["needs_action"]:
-            text = f"{first['what'].rstrip('.')}; {first['remedy']}"
+        text = first.title
+        if not first.needs_action:
+            text = f"{first.what.rstrip('.')}; {first.remedy}"
         text = f"{names}: {graded(text, grade).rstrip('.')}."
         text += f" And {others} more." if others else ""
         return StageVerdict("usable", text, "Check")

@@ -20,6 +20,7 @@ from typing import Any
 
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.parallel import end_with
+from sdp_vs_penalty.records import WritesJson, to_json
 
 #: The least of the computer's memory that a job is given [bytes]: what a recording of
 #: an hour takes.
@@ -196,7 +197,7 @@ def main(server: Any, parent: int, limit: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
 
     def send(message: dict[str, Any]) -> None:
-        text = json.dumps(message, default=lambda array: array.tolist())
+        text = json.dumps(message, default=as_json)
         server.send_bytes(text.encode())
 
     from sdp_vs_penalty.page import jobs  # takes seconds; a request may come meanwhile
@@ -211,6 +212,11 @@ def main(server: Any, parent: int, limit: int) -> None:
                 request, lambda text: send({"progress": text})
             )
             send(do(getattr(jobs, request["job"]), job_request))
+
+
+def as_json(value: Any) -> Any:
+    """Return what stands in an answer for a record, or for an array."""
+    return to_json(value) if isinstance(value, WritesJson) else value.tolist()
 
 
 def do(job: Callable[[Any], dict[str, Any]], job_request: Any) -> dict[str, Any]:

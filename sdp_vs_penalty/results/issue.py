@@ -72,12 +72,17 @@ class StoredIssue(IssueInWords, JsonRecord):
 
     #: What would mend it, the likeliest first.
     remedies: tuple[Remedy, ...] = ()
+    #: Instant of what happens in the run [s].
+    at: float | None = None
+    #: Begin and end of what acts for a part of the time [s].
+    span: tuple[float, float] | None = None
 
     @classmethod
     def upgraded(cls, data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Bring an older version's JSON to today's fields: it wrote the certainty as a
-        text, "likely: an arm leaves less", and in kind and remedy alone what has fields
-        of its own."""
+        """Bring the JSON of the check, and of older versions, to these fields. Instants
+        are among its figures; an older version wrote the certainty as a text, "likely:
+        an arm leaves less", and in kind and remedy alone what has fields of its own."""
+        figures = data.get("figures") or {}
         certainty = data.get("certainty")
         if isinstance(certainty, str):
             grade, _, why = certainty.partition(": ")
@@ -85,6 +90,8 @@ class StoredIssue(IssueInWords, JsonRecord):
         kind, remedy = str(data.get("kind")), str(data.get("remedy"))
         begin, _, unit = kind.partition("positions in ")
         read = {
+            "at": figures.get("t"),
+            "span": figures.get("span"),
             "needs_action": not remedy.startswith("no action needed"),
             "position_unit": unit if unit and not begin else None,
             "is_another_arm": kind

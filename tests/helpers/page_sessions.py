@@ -13,6 +13,7 @@ from sdp_vs_penalty import InputError
 from sdp_vs_penalty.cli.verbs import page as verb
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.page import jobs, worker
+from sdp_vs_penalty.records import to_json
 
 
 def numbers(packed):
@@ -31,15 +32,11 @@ class Here:
     async def run(self, request, progress, is_aside=False):
         if is_aside and request["job"] == "change" and not self.tries_remedies:
             raise asyncio.CancelledError  # as the next job cancels it
-        asked = jobs.JobRequest(json.loads(json.dumps(request)), progress)
+        asked = jobs.JobRequest(json.loads(json.dumps(to_json(request))), progress)
         answer = worker.do(getattr(jobs, request["job"]), asked)
         if "error" in answer:
             raise InputError(answer["error"])
-        return dict(
-            json.loads(
-                json.dumps(answer["result"], default=lambda array: array.tolist())
-            )
-        )
+        return dict(json.loads(json.dumps(answer["result"], default=worker.as_json)))
 
     def close(self):
         pass

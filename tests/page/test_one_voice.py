@@ -111,7 +111,7 @@ def test_page_and_terminal_name_the_same_issues(story):
             for issue in checked["findings"]
             if issue["severity"] == "error"
         ]
-        shown = {(issue["kind"], issue["where"]) for issue in run["findings"]}
+        shown = {(issue.kind, issue.where) for issue in run["findings"]}
         assert set(named) <= shown
 
 

@@ -52,7 +52,7 @@ from sdp_vs_penalty.page.next_step import _to_add, next_step
 from sdp_vs_penalty.page.view import changes_of_data_in_words, checked
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
-from sdp_vs_penalty.results import Change, Remedy
+from sdp_vs_penalty.results import Certainty, Change, Remedy
 from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.signals.runs import sample_rate
 
@@ -135,7 +135,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
         here, "two_link", **saved(tmp_path, [replace(run, tau=tau)], "spikes.csv")
     )
     (before,) = s.runs
-    assert [f["kind"] for f in before["findings"] if f["remedies"]] == ["spikes"]
+    assert [f.kind for f in before["findings"] if f.remedies] == ["spikes"]
     drawn = data_chart(s.arrays(before["view"]), ["N m", "N m"], True)
     (crosses,) = (d for d in drawn["data"] if d["name"] == "joint 2, corrected")
     np.testing.assert_allclose(
@@ -217,7 +217,7 @@ def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp
     ]
     report = check_runs(load_problem("two_link"), hidden.runs[:1])[0]
     remedies = list_remedies([replace(report, issues=tuple(issues))])
-    s.runs[0]["findings"] = json.loads(json.dumps([x.to_dict() for x in issues]))
+    s.runs[0]["findings"] = issues
     s.remedies = to_json(remedies)
     assert remedies[0].why == "each of them is at least likely"
     screen = Screen(s)
@@ -240,7 +240,7 @@ def test_a_repair_that_does_not_lower_the_error_is_a_second_choice(
     """Its own figure says so; the error is that on motion left out."""
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
     rows = make_issue("rows at zero", "", remedy="delete them", where="row 1")
-    s.runs[0]["findings"] = [json.loads(json.dumps(rows.to_dict()))]
+    s.runs[0]["findings"] = [rows]
     change = Change("transform", "delete 5 rows", {"apply": []})
     outcome = LeftOut(0.5124, now)
     remedy = to_json(Remedy("a.csv: rows at zero", "certain", "", change))
@@ -1068,7 +1068,7 @@ def test_a_table_that_begins_inside_a_packet_is_recognised_and_mended(here, hidd
     assert mapping["chosen"]["t"] == "#1"
     screen.click(blocks_of(screen)[0])
     (run,) = screen.session.runs
-    kinds = [issue["kind"] for issue in run["findings"]]
+    kinds = [issue.kind for issue in run["findings"]]
     assert "stray rows" in kinds
     assert "gap in time" not in kinds
     assert "elete these rows" in screen.text("check")
@@ -1229,7 +1229,7 @@ def test_a_project_of_an_older_version_is_brought_to_todays(kept, hidden, tmp_pa
     assert again.repairs[0][1] == {"sentence": words.format(0.3), "falls": True}
     assert again.repairs[0][2]["verb"] == ""
     (issue,) = again.runs[0]["findings"]
-    assert issue["certainty"] == {"grade": "likely", "why": "spikes"}
+    assert issue.certainty == Certainty("likely", "spikes")
 
 
 def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_path):
@@ -1647,8 +1647,7 @@ def test_the_unit_of_one_run_is_asked_for_that_run(here, hidden, tmp_path):
     (issue,) = with_one_unit("b.csv", gains, 2)
     assert "joints 1 and 2 are 2 to 4 times too small" in issue.what
     assert with_one_unit("b.csv", gains[:1], 4) == tuple(gains[:1])
-    problem = json.loads(json.dumps(issue.to_dict()))
-    s.runs = [s.runs[0], {**s.runs[1], "findings": [problem]}]
+    s.runs = [s.runs[0], {**s.runs[1], "findings": [issue]}]
     screen = Screen(s)
     assert "Say the unit" in screen.text("next")
     (key,) = (x for x in screen.keys if x.endswith("-gains"))

@@ -586,8 +586,7 @@ def show_every_kind(story):
             Change("record", "record more"),
         ),
     )
-    problem = json.loads(json.dumps(issue.to_dict()))
-    session.runs = [{**runs[0], "findings": [problem]}, *runs[1:]]
+    session.runs = [{**runs[0], "findings": [issue]}, *runs[1:]]
     screen.do(session.changed)
     return SimpleNamespace(
         rival=rival, first=one, curve=curve, width=width, found=every, issue=issue
@@ -653,9 +652,8 @@ def test_every_issue_without_a_remedy_has_a_button(
     session = story.session
     words = {"kind": "k", "where": "", "what": "bad", "remedy": "log it"}
     issue = Issue(severity=severity, is_another_arm=is_another_arm, **words)
-    problem = json.loads(json.dumps(issue.to_dict()))
     runs = [
-        {**run, "findings": [problem] if k < n_runs else [], "use": "train"}
+        {**run, "findings": [issue] if k < n_runs else [], "use": "train"}
         for k, run in enumerate(session.runs[:2])
     ]
     monkeypatch.setattr(session, "runs", runs)

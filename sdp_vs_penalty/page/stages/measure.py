@@ -19,7 +19,7 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import clock_in_words, data_chart
 from sdp_vs_penalty.page.repairs import ANGLES, UNITS
-from sdp_vs_penalty.page.run_issues import asks_for_unit
+from sdp_vs_penalty.page.run_issues import asks_for_unit, is_unit_asked
 from sdp_vs_penalty.page.runs import ENDINGS
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import label_of, name_in_title, spoken
@@ -38,6 +38,7 @@ from sdp_vs_penalty.page.view import (
 )
 from sdp_vs_penalty.render.words import BADGES, plain_name
 from sdp_vs_penalty.reports.demo import HIDDEN, SEED
+from sdp_vs_penalty.results.issue import StoredIssue
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
 
@@ -540,30 +541,31 @@ def _findings(view: View) -> None:
                 draw.button("Take it back", back, key, "quiet", aria_label=label)
     with draw.tag("p", style="row"):
         for run in session.runs:
-            if all(issue["severity"] == "note" for issue in run["findings"]):
+            if all(issue.severity == "note" for issue in run["findings"]):
                 draw.tag("span", f"✓ {run['name']}", "tick")
     for k, (issue, runs) in enumerate(session.issues):
         names = formatting.words([run["name"] for run in runs])
-        with draw.tag("div", style=f"finding {issue['severity']}"):
-            draw.tag("strong", f"{names}: {issue['heading'] or issue['kind']}. ")
-            draw.tag("span", graded(issue["what"], issue["certainty"]["grade"]))
+        with draw.tag("div", style=f"finding {issue.severity}"):
+            draw.tag("strong", f"{names}: {issue.title}. ")
+            draw.tag("span", graded(issue.what, issue.certainty.grade))
             draw.note(session.place_in_pictures(issue, runs[0]["name"]))
-            is_tried = any(session.outcome_of(x["change"]) for x in issue["remedies"])
+            changes = [remedy.change.to_dict() for remedy in issue.remedies]
+            is_tried = any(map(session.outcome_of, changes))
             if not is_tried:  # a trial says more
-                draw.note(formatting.sentence(spoken(issue["certainty"]["why"])))
-            mends = [x for x in issue["remedies"] if x["change"]["verb"] != "cut"]
+                draw.note(formatting.sentence(spoken(issue.certainty.why)))
+            is_mended = any(change["verb"] != "cut" for change in changes)
             is_tested = all(run["use"] == "test" for run in runs)
-            is_difference = issue["is_another_arm"]
+            is_difference = issue.is_another_arm
             if is_difference and is_tested:
                 draw.tag("p", "It is tested on; no model is identified from it.")
-            elif not mends or asks_for_unit({"findings": [issue]}):
-                draw.tag("p", formatting.sentence(spoken(issue["remedy"])))
+            elif not is_mended or is_unit_asked(issue):
+                draw.tag("p", formatting.sentence(spoken(issue.remedy)))
             with draw.tag("div", style="row"):
-                for n, remedy in enumerate(issue["remedies"]):
-                    _remedy(view, remedy, f"remedy-{k}-{n}")
+                for n, change in enumerate(changes):
+                    _change(view, change, f"remedy-{k}-{n}")
                 is_apart = is_difference and _apart(session, runs, k)
-                is_done = issue["remedies"] or not issue["needs_action"]
-                if issue["severity"] != "note" and not (is_apart or is_done):
+                is_done = changes or not issue.needs_action
+                if issue.severity != "note" and not (is_apart or is_done):
                     _last_resort(session, issue, runs, k)
 
 
@@ -587,7 +589,7 @@ def _apart(session: Session, runs: list[dict[str, Any]], k: int) -> bool:
 
 
 def _last_resort(
-    session: Session, issue: dict[str, Any], runs: list[dict[str, Any]], k: int
+    session: Session, issue: StoredIssue, runs: list[dict[str, Any]], k: int
 ) -> None:
     """Draw what can be done where nothing mends an issue of these runs: go on without
     them, or with others."""
@@ -597,17 +599,16 @@ def _last_resort(
             label = f"Leave {run['name']} out"
             draw.button(label, out, f"out-{k}-{run['file']}")
     else:
-        if issue["severity"] == "warning":
+        if issue.severity == "warning":
             draw.note("The log is taken as it is.")
         more = {"data_to": "measure", "data_opens": "drop-runs"}
         draw.button("Choose other measurements", None, f"more-{k}", **more)
 
 
-def _remedy(view: View, remedy: dict[str, Any], key: str) -> None:
-    """Draw the button of a remedy; with a field where only the person knows the unit,
-    and why it was refused, where it was."""
+def _change(view: View, change: dict[str, Any], key: str) -> None:
+    """Draw the button of a remedy's change; with a field where only the person knows the
+    unit, and why it was refused, where it was."""
     session = view.session
-    change = remedy["change"]
     label = label_of_change(session, change)
     do = partial(session.start, session.apply, change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
