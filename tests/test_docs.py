@@ -28,14 +28,10 @@ from sdp_vs_penalty.cli.main import VERBS, import_verb
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.diagnosis_data import Invisible, Remaining
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import (
-    Diagnosis,
-    Finding,
-    Invisible,
-    Remaining,
-    Retune,
-)
+from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.notices import Notice
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, Span
 from sdp_vs_penalty.effects import effect_name

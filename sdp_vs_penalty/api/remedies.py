@@ -25,7 +25,8 @@ from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.results.remedy import GUESSES, Change, Remedy, Verb
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
+    from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,8 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.api.remedies import Files
     from sdp_vs_penalty.checks.issue import Issue
     from sdp_vs_penalty.checks.report import Report
-    from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+    from sdp_vs_penalty.diagnosis.finding import Finding
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
     from sdp_vs_penalty.diagnosis.where_it_fails import Failures
     from sdp_vs_penalty.estimation.model_file import ServoFields
     from sdp_vs_penalty.problem.check_command import CheckCommand
@@ -243,12 +244,13 @@ def diagnosis(
     verbose : bool
         Whether to print weak findings at the end as well.
     """
+    from sdp_vs_penalty.diagnosis.sentences import unexplained_torque
     from sdp_vs_penalty.render.words import describe_diagnosis
 
     words = describe_diagnosis(result, units, str(model))
     shown = result.effects if verbose else result.worth_showing
     say(words.verdict, style="bold")
-    if result.unexplained_sentence or not has_findings:
+    if unexplained_torque(result) or not has_findings:
         paragraph(words.advice)
     for constant in words.constants:
         paragraph(f"{constant.title_with_doubt}: {constant.sentences}")
@@ -288,7 +290,7 @@ def _findings(
         paragraph(rises)
     if words.shared_doubt:
         paragraph(words.shared_doubt)
-    for group in result.groups:
+    for group in result.offers.groups:
         if group.place >= len(shown):
             continue
         finding = words.findings[group.place]

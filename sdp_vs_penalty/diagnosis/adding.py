@@ -11,7 +11,8 @@ import numpy as np
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
+from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect

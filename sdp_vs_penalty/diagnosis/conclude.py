@@ -22,16 +22,11 @@ from sdp_vs_penalty.diagnosis.confidence import (
 from sdp_vs_penalty.diagnosis.constants import MINOR, SURE_HELP
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
+from sdp_vs_penalty.diagnosis.diagnosis_data import Remaining
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
-from sdp_vs_penalty.diagnosis.findings import (
-    Diagnosis,
-    Finding,
-    Remaining,
-    Retune,
-    effect_on,
-    main_joint_of,
-)
+from sdp_vs_penalty.diagnosis.finding import Finding, Retune, effect_on, main_joint_of
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
 from sdp_vs_penalty.diagnosis.own_constants import constant_std, retune
@@ -206,11 +201,11 @@ class Conclusion:
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
-        errors |= self._errors_with(diagnosis.selections_of_one)
+        errors |= self._errors_with(diagnosis.offers.selections_of_one)
         laws = [term.held_law for term in self.search.terms]
         errors |= {(law.text,): law.rmse for law in laws if law is not None}
         diagnosis = diagnosis.with_errors(errors)
-        errors |= self._errors_with(diagnosis.selections_of_several)
+        errors |= self._errors_with(diagnosis.offers.selections_of_several)
         return diagnosis.with_errors(errors)
 
     def _errors_with(

@@ -11,8 +11,8 @@ from functools import cached_property
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED, EVIDENCE_TO_ADD
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
+from sdp_vs_penalty.diagnosis.diagnosis_data import Invisible
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import Invisible
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.sizes import Size, is_insignificant, is_uncertain, size_of

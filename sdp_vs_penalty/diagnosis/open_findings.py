@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, named_on_joints
+from sdp_vs_penalty.diagnosis.finding import Finding, named_on_joints
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import FIT, Verdict
 

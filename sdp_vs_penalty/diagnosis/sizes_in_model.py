@@ -18,7 +18,8 @@ import numpy as np
 
 from sdp_vs_penalty.diagnosis.conclude import physics_of
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.finding import Finding
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sizes import is_insignificant, is_uncertain, size_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.constants import NORMAL_95

@@ -11,7 +11,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.certainty import POSSIBLE
 from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
 from sdp_vs_penalty.diagnosis.causes import TIME, VELOCITY
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, is_law_of
+from sdp_vs_penalty.diagnosis.finding import is_law_of
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
 from sdp_vs_penalty.effects import (
     DEFAULT_EFFECTS,

@@ -11,15 +11,14 @@ from typing import Any
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.constants import MINOR
-from sdp_vs_penalty.diagnosis.findings import (
-    SOME_ERROR_IS_LEFT,
-    Diagnosis,
+from sdp_vs_penalty.diagnosis.finding import (
     Finding,
-    Group,
     Retune,
     constants_in_words,
     named_on_joints,
 )
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.offers import Group
 from sdp_vs_penalty.effects.plain_words import ON_THE_ARM, written_in_words
 from sdp_vs_penalty.estimation.verdict import LOG
 from sdp_vs_penalty.exporters.export import FILES_TO_TAKE
@@ -44,6 +43,7 @@ from sdp_vs_penalty.page.view import (
     set_aside_in_words,
 )
 from sdp_vs_penalty.records import from_json, to_json
+from sdp_vs_penalty.render.diagnosis_words import SOME_ERROR_IS_LEFT, main_cause
 from sdp_vs_penalty.render.words import describe_unexplained
 from sdp_vs_penalty.results.remedy import SURE, Change, Remedy
 
@@ -426,7 +426,7 @@ def _without_remedy(session: Session, diagnosis: Diagnosis) -> tuple[str, str]:
     is_within_noise = (
         model.verdict.grade == "good" or model.verdict.is_lowered_by_log_alone
     )
-    cause = spoken(diagnosis.cause)
+    cause = spoken(main_cause(diagnosis))
     if is_within_noise or not model.failures:
         return in_brief(cause), ""
     found = bool(diagnosis.effects)
@@ -504,19 +504,19 @@ def _to_add(
     what it does. The report comes before it where it does not lower the largest error of a
     model that can be used, or no file can hold it beside one that is good."""
     session = view.session
-    remedy, *others = diagnosis.choices or (all_of_it,)
+    remedy, *others = diagnosis.offers.choices or (all_of_it,)
     change = remedy.change
     texts = change.arguments.get("effects", [])
-    main = diagnosis.main_finding
+    main = diagnosis.offers.main_finding
     if main is not None and {*texts} == {main.text}:
-        others += filter(None, [diagnosis.held_law_remedy(main)])
+        others += filter(None, [diagnosis.offers.held_law_remedy(main)])
     other = None
     for second in others[::-1]:
         add = partial(session.start, session.apply, second.change.to_dict())
         words, outcome = f"Or {second.change.words}", _outcome_in_brief(session, second)
         other = NextStep("", words, "diagnose", add, outcome=outcome, other=other)
     text, beside = _in_one_line(diagnosis, texts)
-    text = text or in_brief(spoken(diagnosis.cause))
+    text = text or in_brief(spoken(main_cause(diagnosis)))
     if level == "good":
         text = f"Good already. {SOME_ERROR_IS_LEFT}. {formatting.sentence(text)}"
     text = formatting.sentence(text)
@@ -524,9 +524,9 @@ def _to_add(
         text = f"Since then changed, beside what the model has: {text}"
         return _identify_again(session, text, level, beside)
     number = ""
-    lacking = diagnosis.files_without_place(texts)
+    lacking = diagnosis.offers.files_lacking(texts)
     is_idle = level == "good" and {*FILES_TO_TAKE} <= {*lacking}
-    if outcome := diagnosis.outcome_of(remedy):
+    if outcome := diagnosis.offers.outcome_of(remedy):
         is_idle |= level != "bad" and not outcome.falls(session.current.worst_joint)
         n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
         words = outcome.in_words(session.current.worst_joint)
@@ -557,7 +557,7 @@ def _outcome_in_brief(session: Session, offer: Remedy) -> str:
     """Say what an offer of the current model's diagnosis does to the errors; "" where that
     was not computed."""
     diagnosis = session.findings_of_current
-    outcome = diagnosis and diagnosis.outcome_of(offer)
+    outcome = diagnosis and diagnosis.offers.outcome_of(offer)
     return f"{outcome.in_brief(session.current.worst_joint)}" if outcome else ""
 
 
@@ -587,7 +587,7 @@ def _in_one_line(diagnosis: Diagnosis, texts: Collection[str]) -> tuple[str, str
     with what is open of it, and one on what is added beside it: the cards say how sure each
     of that is. Both are "" for what the diagnosis did not find."""
     main, others = "", list[Finding | Retune]()
-    for group in diagnosis.groups_in_order_of_reading:
+    for group in diagnosis.offers.groups_in_order_of_reading:
         first = group.first
         if first.text not in texts:
             continue

@@ -30,7 +30,10 @@ from sdp_vs_penalty.diagnosis.causes import (
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, MINOR
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Pair, Retune
+from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.offers import Pair
+from sdp_vs_penalty.diagnosis.sentences import advice
 from sdp_vs_penalty.diagnosis.where_it_fails import (
     NEAR,
     UNNAMED,
@@ -47,6 +50,7 @@ from sdp_vs_penalty.estimation.gains import limited_drives, open_torques
 from sdp_vs_penalty.estimation.outcome import OfferOutcome
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
+from sdp_vs_penalty.render.diagnosis_words import errors_left, gain_sentence, helped_by
 from sdp_vs_penalty.render.tables import SOURCES
 from sdp_vs_penalty.results.remedy import Remedy
 from sdp_vs_penalty.results.table import Table
@@ -157,7 +161,7 @@ def describe_finding(
     earlier = diagnosis.effects[: finding.number - 1]
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # the first one of its kind explains it
-    group = diagnosis.group_of(finding)
+    group = diagnosis.offers.group_of(finding)
     is_open_law = finding.says_open_law and not group.is_sum  # said in the headline
     rivals = "" if is_open_law else finding.rivals_in_words
     as_well = f"Fits as well: {rivals}." if rivals else ""
@@ -174,9 +178,10 @@ def describe_finding(
         badge=group.badge,
         size=size,
         constants=finding.constants if size else "",
-        gain=finding.gain_sentence(diagnosis),
+        gain=gain_sentence(finding, diagnosis),
         brief_gain=_brief_gain(finding, diagnosis),
-        is_worsening=bool(rmse_with[j] > rmse[j]) and not diagnosis.pair_of(finding),
+        is_worsening=bool(rmse_with[j] > rmse[j])
+        and not diagnosis.offers.pair_of(finding),
         physics=physics,
         rivals=" ".join(filter(None, (same_law, as_well))),
         doubt=doubt,
@@ -197,12 +202,12 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     joint = finding.main_joint
     before, after = (float(rmse[joint - 1]) for rmse in diagnosis.errors_of(finding))
     text = _fall(joint, before, after, diagnosis)
-    if pair := diagnosis.pair_of(finding):
+    if pair := diagnosis.offers.pair_of(finding):
         return _gain_of_pair(pair, diagnosis)
-    with_all = float(diagnosis.held_out_rmse_with_helpful[joint - 1])
+    with_all = float(diagnosis.left_error[joint - 1])
     if after > (1.0 - MINOR) * before and finding in diagnosis.helpful:
         text += f"; with all that helps {formatting.change_of(before, with_all)}"
-    outcome = diagnosis.outcome_between(*diagnosis.errors_of(finding))
+    outcome = diagnosis.offers.outcome_between(*diagnosis.errors_of(finding))
     rising = [outcome.share_of(k) for k in outcome.rising if k != joint]
     return "; ".join([text, *rising])
 
@@ -236,10 +241,10 @@ def _evidence_for(
     for it. ``size`` is its size in words, "" where it is not known."""
     before, after = diagnosis.errors_of(finding)
     falls = bool(after[finding.main_joint - 1] < before[finding.main_joint - 1])
-    evidence = [(finding.gain_sentence(diagnosis), falls)]
+    evidence = [(gain_sentence(finding, diagnosis), falls)]
     if rising := _rising_joints(diagnosis, before, after):
         evidence.append((f"{rising} with it.", False))
-    group = diagnosis.group_of(finding)
+    group = diagnosis.offers.group_of(finding)
     if group.is_sum:
         parts = group.findings
         evidence += [(_part_of_sum(part), not part.size_is_open) for part in parts]
@@ -296,7 +301,7 @@ def _size_in_words(finding: Finding, size: str) -> str:
 def _rising_joints(diagnosis: Diagnosis, before: Array, after: Array) -> str:
     """Say which joints' errors (n,) [N m or N] rise beyond the noise, and by how much;
     "" if none does."""
-    rising = diagnosis.outcome_between(before, after).rising
+    rising = diagnosis.offers.outcome_between(before, after).rising
     texts = [
         f"joint {joint}'s error rises from "
         + formatting.amounts(
@@ -359,8 +364,8 @@ def describe_constant(constant: Retune, diagnosis: Diagnosis) -> FindingWords:
     errors = constant.rmse_before, constant.rmse_after
     gain = _fall(constant.joint, *errors, diagnosis)
     physics = f"Re-estimated constant: {constant.in_words}."
-    if helped := diagnosis.helped_by(constant):
-        pair = diagnosis.pair_of(constant)
+    if helped := helped_by(diagnosis, constant):
+        pair = diagnosis.offers.pair_of(constant)
         assert pair is not None  # it is helped by the other one of it
         gain = _gain_of_pair(pair, diagnosis)
         physics = f"{physics} It {helped}."
@@ -427,7 +432,7 @@ def describe_diagnosis(
         doubts_by_findings.setdefault((*numbers,), []).append(doubt.sentence)
     return DiagnosisWords(
         verdict=diagnosis.headline,
-        advice=diagnosis.advice,
+        advice=advice(diagnosis),
         findings=tuple(findings),
         shared_doubt=" ".join(
             f"Findings {formatting.words(numbers)}, each: {'; '.join(doubts)}."
@@ -435,7 +440,7 @@ def describe_diagnosis(
         ),
         constants=tuple(describe_constant(x, diagnosis) for x in diagnosis.retuned),
         curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
-        left=diagnosis.left_sentence,
+        left=errors_left(diagnosis),
         events=diagnosis.acting_for_a_time,
         invisible=tuple(
             f"{effect_name(effect)} on {formatting.joints(sorted(joints))}"
@@ -641,8 +646,8 @@ def describe_remedy(remedy: Remedy, outcome: OfferOutcome | None = None) -> str:
 def describe_advice(diagnosis: Diagnosis) -> str:
     """Say what is advised to add, and what it does to the errors; "" for nothing, and where
     the errors were not computed."""
-    offer = diagnosis.main_offer
-    outcome = None if offer is None else diagnosis.outcome_of(offer)
+    offer = diagnosis.offers.main
+    outcome = None if offer is None else diagnosis.offers.outcome_of(offer)
     if offer is None or outcome is None:
         return ""
     words = formatting.sentence(offer.change.words)
@@ -660,7 +665,7 @@ _FILES_IN_WORDS = {
 def describe_files(diagnosis: Diagnosis) -> str:
     """Say how much of what is advised the files for controllers and simulators hold; ""
     where they hold all of it."""
-    offer = diagnosis.main_offer
+    offer = diagnosis.offers.main
     texts = offer.change.arguments["effects"] if offer else ()
     names_by_count = dict[int, list[str]]()
     for name, words in _FILES_IN_WORDS.items():
@@ -702,7 +707,7 @@ def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
     if diagnosis is None:
         return []
     lines = []
-    for group in diagnosis.groups:
+    for group in diagnosis.offers.groups:
         finding = group.first
         if finding.rating != "weak" and not group.is_sum:
             text = formatting.sentence(finding.on_the_arm.removeprefix(ON_THE_ARM))

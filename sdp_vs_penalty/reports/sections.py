@@ -12,7 +12,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import AppendableArray
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.finding import Finding
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import (
     findings_not_added,
     still_missing,
@@ -450,7 +451,7 @@ def findings(data: ReportData) -> Context:
         floor = diagnosis.noise_floor.tolist() if diagnosis.noise_known else None
         bars = pieces.bars(
             diagnosis.held_out_rmse_before,
-            diagnosis.held_out_rmse_with_helpful,
+            diagnosis.left_error,
             floor,
             data.units,
             scope="on data left out",
@@ -465,7 +466,7 @@ def findings(data: ReportData) -> Context:
         caption = formatting.sentence(words_of_curve)
         curves.append(pieces.figure(plot, caption, 360))
     cards, weak_cards = list[dict[str, Any]](), list[dict[str, Any]]()
-    for first in (group.first for group in diagnosis.groups):
+    for first in (group.first for group in diagnosis.offers.groups):
         words_of_first = described.findings[first.number - 1]
         card = {"words": words_of_first, "picture": _picture_of_finding(data, first)}
         (cards if first.torque_is_certain else weak_cards).append(card)
@@ -485,7 +486,7 @@ def findings(data: ReportData) -> Context:
         "bars": bars,
         "curves": curves,
         "remedies": [
-            words.describe_remedy(remedy, diagnosis.outcome_of(remedy))
+            words.describe_remedy(remedy, diagnosis.offers.outcome_of(remedy))
             for remedy in remedies.values()
         ],
     }

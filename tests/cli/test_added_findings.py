@@ -16,7 +16,7 @@ from small_runs import small_model, write_run
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.diagnosis import Curve
 from sdp_vs_penalty.diagnosis.doubts import REASONS, Doubt
-from sdp_vs_penalty.diagnosis.findings import Retune
+from sdp_vs_penalty.diagnosis.finding import Retune
 from sdp_vs_penalty.estimation.verdict import ErrorsBesideNoise
 from tests.cli.test_printed_commands import told
 

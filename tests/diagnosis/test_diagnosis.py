@@ -28,7 +28,8 @@ from sdp_vs_penalty.diagnosis import (
 )
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as search
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import effect_on
+from sdp_vs_penalty.diagnosis.finding import effect_on
+from sdp_vs_penalty.diagnosis.sentences import besides
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.effects.written import WrittenEffect
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -166,7 +167,7 @@ def test_two_joints_whatever_the_record(slope, what):
     assert result.noise_source == ("spectrum" if what == "no repeats" else "repetition")
     assert ("four times too large" in result.headline) == (what == "no repeats")
     if what == "no repeats":
-        said = " ".join((*result.besides, *result.remarks))
+        said = " ".join((*besides(result), *result.remarks))
         assert said.lower().count("no motion repeats") == 1
 
 

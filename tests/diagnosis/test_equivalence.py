@@ -262,7 +262,7 @@ def test_another_form_of_dry_friction_is_named_as_one_law(problem):
     assert first.constants.endswith("law = algebraic")
     assert first.shape["v0"] == pytest.approx(0.05, rel=0.02)
     assert first.size == pytest.approx(COULOMB[first.joints[0] - 1], rel=0.1)
-    assert [found.offer_of(f).certainty for f in found.effects] == [
+    assert [found.offers.offer_of(f).certainty for f in found.effects] == [
         f.rating for f in found.effects
     ]
 

@@ -21,13 +21,15 @@ from sdp_vs_penalty.diagnosis import (
     size_of,
     std_of_both,
 )
+from sdp_vs_penalty.diagnosis.diagnosis_data import ErrorWith
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import ErrorWith, Retune
+from sdp_vs_penalty.diagnosis.finding import Retune
 from sdp_vs_penalty.diagnosis.own_constants import retune
 from sdp_vs_penalty.diagnosis.passing.cause import PassingCause, PassingLaw, Span
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation import ShapeEstimate
+from sdp_vs_penalty.render.diagnosis_words import helped_by, main_cause, place_in_files
 from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
 from sdp_vs_penalty.results import Certainty
 from sdp_vs_penalty.signals import REPETITION
@@ -217,10 +219,10 @@ def test_what_is_confident_is_read_first_and_what_is_within_the_noise_last():
     small = finding("stiction", 3, gain=800.0)
     sure = finding("backlash", 2)
     said = diagnosis(doubted, small, sure, before=[3.0, 3.0, *[2.0] * 5])
-    assert [f.number for f in said.in_order_of_reading] == [3, 1, 2]
-    assert said.cause.startswith("Joint 2 errs: backlash (confident)")
-    assert said.main_offer.change.words == "add backlash on joint 2"
-    assert "Some error is left: stiction" in diagnosis(small).cause
+    assert [f.number for f in said.offers.in_order_of_reading] == [3, 1, 2]
+    assert main_cause(said).startswith("Joint 2 errs: backlash (confident)")
+    assert said.offers.main.change.words == "add backlash on joint 2"
+    assert "Some error is left: stiction" in main_cause(diagnosis(small))
 
 
 def test_a_near_tie_is_added_with_the_constants_that_are_confident():
@@ -232,8 +234,8 @@ def test_a_near_tie_is_added_with_the_constants_that_are_confident():
     errors = (ErrorWith((tie.text, constant.text), np.full(7, 1.0)),)
     found = with_more_errors(diagnosis(tie, before=3.0), *errors)
     found = replace(found, retuned=(constant,))
-    assert found.main_finding == tie
-    assert found.main_offer.change.arguments["findings"] == "helpful"
+    assert found.offers.main_finding == tie
+    assert found.offers.main.change.arguments["findings"] == "helpful"
 
 
 def test_what_lowers_the_worst_joint_most_is_read_first():
@@ -248,13 +250,13 @@ def test_what_lowers_the_worst_joint_most_is_read_first():
     found = diagnosis(useless, second, likely, before=errors, after=after)
     texts = tuple(f.text for f in found.effects)
     found = with_more_errors(found, ErrorWith(texts, np.full(7, 1.0)))
-    assert [f.effect for f in found.in_order_of_reading] == [
+    assert [f.effect for f in found.offers.in_order_of_reading] == [
         "joint_spring",
         "backlash",
         "stiction",
     ]
-    assert found.main_offer == found.remedies[0]
-    assert found.main_offer.change.arguments["findings"] == "helpful"
+    assert found.offers.main == found.remedies[0]
+    assert found.offers.main.change.arguments["findings"] == "helpful"
 
 
 def test_what_is_advised_harms_no_joint_and_leaves_the_lowest_errors():
@@ -268,8 +270,8 @@ def test_what_is_advised_harms_no_joint_and_leaves_the_lowest_errors():
         errors = {(tie.text,): alone, (tie.text, other.text): together}
         errors[(other.text,)] = np.full(7, 3.0)
         found = diagnosis(tie, other, before=3.0).with_errors(errors)
-        assert found.remedies[0] == found.main_offer
-        return found.main_offer.change.arguments["findings"]
+        assert found.remedies[0] == found.offers.main
+        return found.offers.main.change.arguments["findings"]
 
     assert advised(half, better) == "helpful"
     assert advised(half + harm, better) == "helpful"
@@ -282,14 +284,14 @@ def test_what_is_sure_is_added_together():
     helps."""
     one, two = finding("backlash", 1), finding("backlash", 2)
     found = diagnosis(one, two, finding("joint_spring", 3, "backlash"), before=3.0)
-    assert found.main_offer.change.words == "add backlash on joint 1"
+    assert found.offers.main.change.words == "add backlash on joint 1"
     texts = (one.text, two.text)
     errors = ErrorWith(texts, np.full(7, 1.0))
-    change = with_more_errors(found, errors).main_offer.change
+    change = with_more_errors(found, errors).offers.main.change
     assert change.words == "add backlash on joints 1 and 2"
     assert change.arguments == {"effects": [*texts], "findings": [1, 2]}
     pair = diagnosis(one, two, before=3.0)
-    change = with_more_errors(pair, errors).main_offer.change
+    change = with_more_errors(pair, errors).offers.main.change
     assert change.arguments["findings"] == "helpful"
     shape = ShapeEstimate("coulomb_friction", 1, "v_s", 0.01, 0.02)
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
@@ -297,7 +299,9 @@ def test_what_is_sure_is_added_together():
     texts = (one.text, two.text, constant.text)
     both = with_more_errors(pair, ErrorWith(texts, np.full(7, 1.0)))
     both = replace(both, retuned=(constant,))
-    change = both.main_offer.change  # what counts is named, and its trifles are counted
+    change = (
+        both.offers.main.change
+    )  # what counts is named, and its trifles are counted
     effects = "backlash on joints 1 and 2"
     assert change.words == f"add {effects} and 1 constant of the model at another value"
     (words,) = describe_diagnosis(both, ["N m"] * 7).constants
@@ -306,8 +310,8 @@ def test_what_is_sure_is_added_together():
     three = with_more_errors(
         diagnosis(*three, before=3.0, after={"stiction": 3.0}), errors
     )
-    assert three.main_offer.change.arguments["effects"] == [one.text, two.text]
-    assert three.main_offer in three.offers
+    assert three.offers.main.change.arguments["effects"] == [one.text, two.text]
+    assert three.offers.main in three.offers
 
 
 def test_a_constant_is_judged_beside_the_model_that_findings_are():
@@ -316,7 +320,7 @@ def test_a_constant_is_judged_beside_the_model_that_findings_are():
     fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
     constant = Retune(**vars(shape), **fall)
     found = replace(diagnosis(finding("stiction", 3)), retuned=(constant,))
-    assert (constant,) in found.selections_of_one
+    assert (constant,) in found.offers.selections_of_one
     found = found.with_errors({(constant.text,): np.full(7, 1.5)})
     scaled = found.with_judged_errors(np.full(7, 4.0), np.full(7, 1.0))
     for judged, before, after in ((found, 2.0, 1.5), (scaled, 4.0, 3.0)):
@@ -335,23 +339,23 @@ def test_what_helps_beside_another_one_alone_says_which():
     alone = {(first.text,): 1.01 * before, (second.text,): before - np.eye(7)[1]}
     alone |= {(third.text,): before - np.eye(7)[2]}
     found = found.with_errors(alone)
-    assert found.selections_of_several[-2:] == [(first, second), (first, third)]
+    assert found.offers.selections_of_several[-2:] == [(first, second), (first, third)]
     pairs = {(first.text, second.text): alone[(second.text,)]}
-    assert found.with_errors(alone | pairs).helped_by(first) == ""
+    assert helped_by(found.with_errors(alone | pairs), first) == ""
     pairs |= {(first.text, third.text): before - np.eye(7)[2] - 0.5 * np.eye(7)[0]}
     found = found.with_errors(alone | pairs)
-    assert found.helped_by(first) == (
+    assert helped_by(found, first) == (
         "helps beside stiction on joint 3, not by itself: with both joint 1's error is 1.5"
         " N m or N, and 2 N m or N without it"
     )
-    assert found.helped_by(second) == ""
+    assert helped_by(found, second) == ""
     words, *_ = describe_diagnosis(found, ["N m"] * 7).findings
     assert words.brief_gain == "with both, joint 1's error: 2 → 1.5 N m or N, -25 %"
-    pair = found.pair_of(first)
+    pair = found.offers.pair_of(first)
     assert (pair.title, pair.is_mutual) == ("Stiction on joints 1 and 3", False)
     assert pair.change.arguments["effects"] == [first.text, third.text]
-    assert found.pair_of(third) is None
-    assert found.helped_by(first) in words.gain
+    assert found.offers.pair_of(third) is None
+    assert helped_by(found, first) in words.gain
 
 
 @pytest.mark.parametrize(
@@ -381,7 +385,10 @@ def test_a_travel_that_both_names_of_a_law_have_is_called_by_both(
 
 def test_the_cause_of_the_whole_robot_names_no_joint():
     tilt = finding("base_tilt", 1, joints=())
-    assert diagnosis(tilt, before=3.0).cause == "The robot errs: base tilt (confident)."
+    assert (
+        main_cause(diagnosis(tilt, before=3.0))
+        == "The robot errs: base tilt (confident)."
+    )
 
 
 def test_findings_that_cancel_are_one_with_its_sum():
@@ -398,9 +405,9 @@ def test_findings_that_cancel_are_one_with_its_sum():
     assert "law that is open" in first.on_the_arm
     assert first.size == ""
     assert second.title == first.title
-    assert [group.title for group in found.groups] == [first.title, third.title]
+    assert [group.title for group in found.offers.groups] == [first.title, third.title]
     assert third.title == "Stiction, joint 2"
-    added = found.offer_of(found.effects[0]).change.arguments
+    added = found.offers.offer_of(found.effects[0]).change.arguments
     assert added == {"effects": [rubs.text, sticks.text], "findings": [1, 2]}
     (alone,) = describe_diagnosis(diagnosis(rubs), ["N m"] * 7).findings
     assert alone.size
@@ -428,7 +435,7 @@ def test_torques_beyond_the_joints_error_are_one_finding(torques, joint, n_in_su
         for effect, rms in zip(("stiction", "joint_spring"), others, strict=False)
     ]
     found = diagnosis(loud, *beside)
-    first, *others = found.groups
+    first, *others = found.offers.groups
     assert first.findings == (loud, *beside)[:n_in_sum]
     assert [group.findings for group in others] == [
         (f,) for f in beside[n_in_sum - 1 :]
@@ -744,22 +751,22 @@ def test_what_no_file_holds_is_said_beside_the_offer_with_the_nearest_law_that_o
         ErrorWith((lacking.held_law,), np.full(7, 1.25)),
     )
     found = replace(diagnosis(lacking, everywhere), errors_with=errors)
-    said = found.place_in_files([lacking.text])
+    said = place_in_files(found, [lacking.text])
     assert said == (
         "model.h and robot.urdf have no place for pre-sliding hysteresis on joint 2;"
         " model.h holds load dependent friction on joint 2, which gives 1.25 N m or N there"
         " instead of 1 N m or N."
     )
-    assert Diagnosis.from_dict(found.to_dict()).place_in_files([lacking.text]) == said
-    both = found.place_in_files([lacking.text, everywhere.text])
+    assert place_in_files(Diagnosis.from_dict(found.to_dict()), [lacking.text]) == said
+    both = place_in_files(found, [lacking.text, everywhere.text])
     assert both == said
-    change = found.held_law_remedy(lacking).change
+    change = found.offers.held_law_remedy(lacking).change
     assert change.words == "add load dependent friction on joint 2"
-    assert found.held_law_remedy(everywhere) is None
-    assert found.place_in_files([everywhere.text]) == ""
+    assert found.offers.held_law_remedy(everywhere) is None
+    assert place_in_files(found, [everywhere.text]) == ""
     worse = replace(found, errors_with=(errors[0], ErrorWith(*_no_better(lacking))))
     for without_law in (worse, diagnosis(unknown)):
-        text = without_law.place_in_files([lacking.text])
+        text = place_in_files(without_law, [lacking.text])
         assert text == f"{said.partition(';')[0]}."
 
 

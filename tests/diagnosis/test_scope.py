@@ -15,6 +15,7 @@ from sdp_vs_penalty.cli import printing
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis.conclude import NOTES_ON_NOISE
 from sdp_vs_penalty.diagnosis.findings import load_diagnosis
+from sdp_vs_penalty.render.diagnosis_words import errors_left
 from sdp_vs_penalty.render.words import finding_table
 from sdp_vs_penalty.signals.noise import SPECTRUM, SPECTRUM_KNOWN
 
@@ -75,7 +76,7 @@ def test_commands_report_and_files_say_the_same(
     assert diagnosis.standstill_left_out == compared.standstill_left_out
     title = finding_table(diagnosis, (), model.robot.torque_units).title
     assert title.endswith(f"not used for fitting, {diagnosis.scope}")
-    assert "; 2.8 s of standstill left out): j1" in diagnosis.left_sentence
+    assert "; 2.8 s of standstill left out): j1" in errors_left(diagnosis)
     sdp.report(model, "run.csv", "report.html")
     assert f"errors are those {words}" in Path("report.html").read_text()
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis.finding import Finding
 from sdp_vs_penalty.diagnosis.nuisances import share_of_one_misfit
 from sdp_vs_penalty.diagnosis.sizes import torque_made
 from sdp_vs_penalty.effects.drift import DriftOffset

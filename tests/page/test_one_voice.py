@@ -19,6 +19,7 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation import changes
 from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.page.view import in_brief
+from sdp_vs_penalty.render.diagnosis_words import errors_left, main_cause
 from sdp_vs_penalty.results import Change, fact, facts
 
 #: One effect is added.
@@ -205,14 +206,14 @@ def test_add_and_compare_print_the_same_before_and_after(extended):
 def test_terminal_report_and_page_say_what_is_missing_and_left(diagnosed):
     """The page has in its bars what is left."""
     found, said = diagnosed.diagnosis, diagnosed.said
-    for sentence in (found.left_sentence, found.headline):
+    for sentence in (errors_left(found), found.headline):
         assert sentence in said["diagnose"]
         assert sentence in said["html"].replace("`", "")
     next_on_page = diagnosed.screen.text("next")
-    if (offer := found.main_offer) is None:
-        assert in_brief(found.cause).rstrip(".") in next_on_page
+    if (offer := found.offers.main) is None:
+        assert in_brief(main_cause(found)).rstrip(".") in next_on_page
         return
-    outcome = found.outcome_of(offer)
+    outcome = found.offers.outcome_of(offer)
     for place in (said["diagnose"], said["html"], next_on_page):
         assert outcome.change_of(outcome.shown(outcome.errs_most)) in place
 

@@ -40,8 +40,8 @@ from sdp_vs_penalty.checks.report import list_remedies
 from sdp_vs_penalty.checks.torque_size import with_one_unit
 from sdp_vs_penalty.cli.main import main
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis.diagnosis_data import ErrorWith, Invisible
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import ErrorWith, Invisible
 from sdp_vs_penalty.files import opened as register_input
 from sdp_vs_penalty.files import protecting
 from sdp_vs_penalty.formatting import sentence
@@ -51,6 +51,7 @@ from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import _to_add, next_step
 from sdp_vs_penalty.page.view import changes_of_data_in_words, checked
 from sdp_vs_penalty.records import to_json
+from sdp_vs_penalty.render.diagnosis_words import gain_sentence
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Certainty, Change, Remedy
 from sdp_vs_penalty.robot.robot import joint_limits
@@ -321,7 +322,7 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
         errors_with=tuple(ErrorWith((f.text,), np.array(x)) for f, x in searched),
     )
     judged = found.with_judged_errors(np.array([4.2, 3.1]), np.array([0.7, 1.6]))
-    said = [f.gain_sentence(judged) for f in judged.effects]
+    said = [gain_sentence(f, judged) for f in judged.effects]
     assert said[0].endswith(
         "left out: 4.2 N m or N; it helps beside backlash on joint 1, not by itself: with"
         " both joint 2's error is 1.6 N m or N, and 3.1 N m or N without it."
@@ -330,12 +331,12 @@ def test_a_card_promises_what_its_own_button_adds_and_the_next_step_all_of_it(tw
         "Adding it cuts joint 1's error on data left out from 4.2 to 2.1 N"
     )
     assert "joint 2's error on data left out from 3.1 to 1.55 N" in said[2]
-    advised, other = judged.remedies[0], judged.offer_of(judged.effects[2])
-    assert describe_remedy(advised, judged.outcome_of(advised)).endswith(
+    advised, other = judged.remedies[0], judged.offers.offer_of(judged.effects[2])
+    assert describe_remedy(advised, judged.offers.outcome_of(advised)).endswith(
         "joint 1's error: 4.2 → 0.7 N m or N (-83 %); no joint errs more, on data left out."
     )
     assert "joint 2's error: 3.1 → 1.55 N m or N (-50 %)" in describe_remedy(
-        other, judged.outcome_of(other)
+        other, judged.offers.outcome_of(other)
     )
 
 

@@ -21,8 +21,8 @@ from sdp_vs_penalty import compare, find_ranges, load_estimate, load_measurement
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.diagnosis import Curve, Retune
+from sdp_vs_penalty.diagnosis.diagnosis_data import ErrorWith
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.findings import ErrorWith
 from sdp_vs_penalty.diagnosis.where_it_fails import UNNAMED
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.written import WrittenEffect

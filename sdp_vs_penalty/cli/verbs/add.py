@@ -141,6 +141,7 @@ def _say_changes(
     """
     from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.shapes import changed_constants_in_words
+    from sdp_vs_penalty.render.diagnosis_words import weak_companions
 
     added = bigger.model.effects[len(estimate.model.effects) :]
     if added:
@@ -150,10 +151,11 @@ def _say_changes(
         passes = "; ".join(acting)
         console.paragraph(f"identified without the spans of what passes: {passes}")
     if diagnosis is not None and helpful:
-        for line in diagnosis.weak_companions:
+        lines = weak_companions(diagnosis)
+        for line in lines:
             said = "added, since the error on data left out falls with it"
             console.paragraph(f"{said}: {line}")
-        if diagnosis.weak_companions:
+        if lines:
             console.paragraph(
                 "To leave such findings out, name the others with --only."
             )

@@ -45,6 +45,7 @@ def verb(
     from sdp_vs_penalty.cli.next_step import free_name
     from sdp_vs_penalty.data.files import training_runs
     from sdp_vs_penalty.problem.check_command import CheckCommand
+    from sdp_vs_penalty.render.diagnosis_words import place_in_files
     from sdp_vs_penalty.render.words import describe_advice
 
     named = runs.NamedRuns(training_runs(data), window, as_written)
@@ -92,8 +93,8 @@ def verb(
     if what is not None:
         if advice := describe_advice(result):
             console.paragraph(advice)
-        offered = result.main_offer.change.arguments if result.main_offer else {}
-        if no_place := result.place_in_files(offered.get("effects", ())):
+        offered = result.offers.main.change.arguments if result.offers.main else {}
+        if no_place := place_in_files(result, offered.get("effects", ())):
             console.paragraph(no_place)
         if json_ is not None and result.leaves_curves_out:
             console.paragraph(CURVES_LEFT_OUT)

@@ -10,7 +10,10 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Pair, Retune
+from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.offers import Pair
+from sdp_vs_penalty.diagnosis.sentences import besides
 from sdp_vs_penalty.effects import effect_types, effects_in_words, standard_effect
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import finding_chart, missing_chart
@@ -64,7 +67,7 @@ def models(view: View) -> None:
     torque = history[-1].comparison["torque_rms"]
     colours: dict[str, Any] = {}
     if (diagnosis := session.findings_of_current) is not None:
-        choices = diagnosis.choices or diagnosis.offers[:1]
+        choices = diagnosis.offers.choices or diagnosis.offers[:1]
         before = diagnosis.held_out_rmse_before
         after, other = [*(choice.after for choice in choices), None, None][:2]
         if other is not None:
@@ -137,19 +140,21 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     the same numbers.
     """
     session = view.session
-    opened = diagnosis.main_finding
+    opened = diagnosis.offers.main_finding
     if opened is None:
         worst = session.current.worst_joint
-        on_worst = (f for f in diagnosis.in_order_of_reading if f.main_joint == worst)
+        on_worst = (
+            f for f in diagnosis.offers.in_order_of_reading if f.main_joint == worst
+        )
         opened = next((f for f in on_worst if f.text not in session.added), None)
     sure, others = list[partial[None]](), list[partial[None]]()
     covered = set[str]()  # drawn on the card of the one that needs it
-    for group in diagnosis.groups_in_order_of_reading:
+    for group in diagnosis.offers.groups_in_order_of_reading:
         k = group.place
         if group.first.text in covered:
             continue
         shown = {*group.texts}
-        if (pair := diagnosis.pair_of(group.first)) and pair.is_mutual:
+        if (pair := diagnosis.offers.pair_of(group.first)) and pair.is_mutual:
             covered.add(pair.other.text)
             shown.add(pair.other.text)
         is_open = opened is not None and opened.text in shown
@@ -158,7 +163,7 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     for k, constant in enumerate(diagnosis.retuned):
         if constant.text in covered:
             continue
-        if (pair := diagnosis.pair_of(constant)) and pair.is_mutual:
+        if (pair := diagnosis.offers.pair_of(constant)) and pair.is_mutual:
             covered.add(pair.other.text)
         card = partial(_constant, session, diagnosis, words, k)
         (sure if constant.torque_is_certain else others).append(card)
@@ -217,8 +222,8 @@ def _card(
     session = view.session
     finding, words = diagnosis.effects[k], described.findings[k]
     name, texts = words.title, [finding.text]
-    change = diagnosis.offer_of(finding).change
-    if pair := diagnosis.pair_of(finding):
+    change = diagnosis.offers.offer_of(finding).change
+    if pair := diagnosis.offers.pair_of(finding):
         name, texts, change = pair.title, pair.texts, pair.change
     is_added = session.added.issuperset(texts)
     done = " done" if is_added else ""
@@ -325,7 +330,7 @@ def _constant(
     re-estimated."""
     constant, words = diagnosis.retuned[k], described.constants[k]
     name, texts, change = words.title, [constant.text], constant.remedy.change
-    if pair := diagnosis.pair_of(constant):
+    if pair := diagnosis.offers.pair_of(constant):
         name, texts, change = pair.title, pair.texts, pair.change
     with draw.tag("li", style="card finding-card"):
         gain = "" if session.added.issuperset(texts) else words.brief_gain
@@ -405,7 +410,7 @@ def _others(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     session = view.session
     for cause in diagnosis.passing:
         draw.tag("p", f"{formatting.sentence(cause.sentence)}.", "finding")
-    for remark in (*diagnosis.besides, *words.remarks):
+    for remark in (*besides(diagnosis), *words.remarks):
         draw.note(spoken(said_before(remark)))
         if _REPEAT in remark:
             make = partial(session.start, session.make_motion, {}, view.download)
