@@ -78,9 +78,9 @@ def add(
     extended = add_effects(
         model, effects, runs, frozen=frozen, seed=seed, progress=progress
     )
-    said = extended.constants_at_ends
-    if said and said != model.constants_at_ends:
-        warnings.warn(said, stacklevel=3)
+    remark = extended.constants_at_ends
+    if remark and remark != model.constants_at_ends:
+        warnings.warn(remark, stacklevel=3)
     if isinstance(effects, Diagnosis):
         runs = beside_spans(runs, effects.left_out)
     progress("comparing measured with modelled")

@@ -134,70 +134,77 @@ def next_command(remedies: Sequence[Remedy], files: Files) -> list[str] | None:
     return None if remedy is None else command_of(remedy.change, files)
 
 
-def _transformed(change: Change, state: State) -> State:
+def _repaired(change: Change, state: State) -> State:
     """Repair the runs as `check --fix --apply` does: what is certain, and what is
     named."""
     problem = state.problem
     races = HeldRaces()
     reports = check_runs(problem, state.runs, thorough=False, races=races)
-    named = change.arguments.get("apply", ())
-    repaired = fix_runs(problem, state.runs, reports, named, races)
+    words = change.arguments.get("apply", ())
+    repaired = fix_runs(problem, state.runs, reports, words, races)
     return replace(state, runs=repaired.runs, effect=repaired.left_out)
 
 
 def _cut(change: Change, state: State) -> State:
-    """Leave spans (begin, end) [s] of one run's clock out, or all of it."""
-    cut = change.arguments
-    if "spans" not in cut:
-        others = tuple(run for run in state.runs if run.names[0] != cut["run"])
+    """Leave spans (begin, end) [s] of one run's clock out, or all of the run; a model of
+    the old runs goes."""
+    arguments = change.arguments
+    name = arguments["run"]
+    if "spans" not in arguments:
+        others = tuple(run for run in state.runs if run.names[0] != name)
         return replace(state, runs=others, model=None)
     runs = [
-        without_spans(run, cut["spans"]) if run.names[0] == cut["run"] else run
+        without_spans(run, arguments["spans"]) if run.names[0] == name else run
         for run in state.runs
     ]
     return replace(state, runs=tuple(runs), model=None)
 
 
-def _read(change: Change, state: State) -> State:
-    """Read the runs' columns in other units. Raises InputError where the unit is still
-    to be named, or where the file itself has to be read anew."""
-    scale = change.arguments.get("scale", {})
-    name = change.arguments.get("run")
-    if set(change.arguments) - {"scale", "run", "by_size"}:
+def _in_other_units(change: Change, state: State) -> State:
+    """Scale columns of the runs, or of the one that is named, from other units.
+
+    Raises InputError where the unit is still to be named, or where the file itself has
+    to be read anew: other columns, another rate or topic.
+    """
+    arguments = change.arguments
+    unit_by_column = arguments.get("scale", {})
+    if set(arguments) - {"scale", "run", "by_size"}:
         raise InputError(
             "the file has to be read anew", "convert it with these columns"
         )
-    if not all(scale.values()):
-        column = next(name for name, word in scale.items() if not word)
+    if not all(unit_by_column.values()):
+        column = next(name for name, unit in unit_by_column.items() if not unit)
         remedy = "a unit (mNm, Ncm, kgfm, lbfin), or a factor for each joint"
         raise InputError(f"{column}: no unit is named", f"name {remedy}")
+    chosen = arguments.get("run")  # None: all runs
     runs = [
-        scaled(run, scale) if name in (None, run.names[0]) else run
+        scaled(run, unit_by_column) if chosen in (None, run.names[0]) else run
         for run in state.runs
     ]
-    if "tau" in scale:
-        by_size = bool(change.arguments.get("by_size"))
+    if "tau" in unit_by_column:
+        # Whether factors of torque channels are judged by their size from now on.
+        by_size = bool(arguments.get("by_size"))
         runs = [replace(run, gains_by_size=by_size) for run in runs]
     return replace(state, runs=tuple(runs))
 
 
-def _held(change: Change, state: State) -> State:
-    """Hold joints where they stand: their links belong to their parents."""
-    before = state.problem
-    held = {joint.name: joint.value for joint in before.robot.joint_names.held}
+def _with_held_joints(change: Change, state: State) -> State:
+    """Hold joints at positions [rad, m], by name: their links belong to their parents,
+    and the runs lose their columns."""
+    robot = state.problem.robot
+    positions = change.arguments["positions"]
+    held_before = {joint.name: joint.value for joint in robot.joint_names.held}
     problem = load_problem(
-        before.source or before.name,
-        before.robot.gravity,
-        held | change.arguments["positions"],
+        state.problem.source or state.problem.name,
+        robot.gravity,
+        held_before | positions,
     )
-    places = [
-        before.robot.joint_names.index(name) for name in change.arguments["positions"]
-    ]
+    places = [robot.joint_names.index(name) for name in positions]
     runs = tuple(run.without_joints(places) for run in state.runs)
     return replace(state, problem=problem, runs=runs, model=None)
 
 
-def _mounted(change: Change, state: State) -> State:
+def _with_gravity(change: Change, state: State) -> State:
     """Set gravity in the base frame [m/s^2]."""
     problem = state.problem.with_gravity(change.arguments["gravity"])
     return replace(state, problem=problem, model=None)
@@ -222,7 +229,7 @@ def what_to_add(
     return [by_text.get(text, text) for text in texts]
 
 
-def _added(change: Change, state: State) -> State:
+def _with_effects(change: Change, state: State) -> State:
     """Add effects to the model, or re-estimate its constants, and identify it again."""
     from sdp_vs_penalty.diagnosis.adding import add
 
@@ -232,12 +239,13 @@ def _added(change: Change, state: State) -> State:
     return replace(state, model=add(state.model, effects, concatenate(state.runs)))
 
 
-def _recorded(change: Change, state: State) -> State:
+def _refuse_without_run(change: Change, state: State) -> State:
     """Refuse: nothing changes before the run is recorded."""
     raise InputError("this asks for a new run", "record it, and add it to the runs")
 
 
 def _transform_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
+    """Write the command `check --fix --apply` with the words of the repairs."""
     return files.check.applying(arguments.get("apply", ())).repair_words
 
 
@@ -293,12 +301,15 @@ def _read_words(arguments: Mapping[str, Any], files: Files) -> list[str] | None:
 
 
 def _hold_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
+    """Write the command `check` with these joints held as well: --hold name=position."""
     held = ",".join(f"{k}={v:.6g}" for k, v in arguments["positions"].items())
-    before = files.check.hold
-    return replace(files.check, hold=f"{before},{held}" if before else held).words
+    held_before = files.check.hold
+    both = f"{held_before},{held}" if held_before else held
+    return replace(files.check, hold=both).words
 
 
 def _mount_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
+    """Write the command `check` with this gravity [m/s^2] in the base frame."""
     gravity = ",".join(f"{g:g}" for g in arguments["gravity"])
     return replace(files.check, gravity=gravity).words
 
@@ -338,14 +349,14 @@ def _record_words(arguments: Mapping[str, Any], files: Files) -> list[str]:
 
 
 _APPLY: Mapping[Verb, Callable[[Change, State], State]] = {
-    "transform": _transformed,
+    "transform": _repaired,
     "cut": _cut,
-    "read": _read,
-    "hold": _held,
-    "mount": _mounted,
-    "add": _added,
-    "reset": _added,
-    "record": _recorded,
+    "read": _in_other_units,
+    "hold": _with_held_joints,
+    "mount": _with_gravity,
+    "add": _with_effects,
+    "reset": _with_effects,
+    "record": _refuse_without_run,
 }
 _WORDS: Mapping[Verb, Callable[[Mapping[str, Any], Files], list[str] | None]] = {
     "transform": _transform_words,

@@ -80,9 +80,9 @@ class TorqueGain(JointEffect):
     def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
         """Divide the readings (N, n) of the effect's joints by 1 + g to recover the
         true torque."""
-        out = torque.copy()
-        out[:, list(self.joints)] /= 1.0 + theta
-        return out
+        true_torque = torque.copy()
+        true_torque[:, list(self.joints)] /= 1.0 + theta
+        return true_torque
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
         """Give a reason to doubt a gain that is off by more than 30 %: a wrong gear

@@ -488,7 +488,7 @@ class ServoLoop:
         self.drives = [(e, theta[k]) for e, k in model.parts if e.forward == "drive"]
         self.plant = Plant(model, theta)
 
-    def drive(self, motion: Motion) -> Array:
+    def drive_torque(self, motion: Motion) -> Array:
         """Compute the torque of the drives by their control laws.
 
         Servo effects are written as loads, so the torque of the drives is minus theirs.
@@ -536,7 +536,7 @@ class ServoLoop:
         middle = Motion(
             state.t + half, q, dq, state.ddq, command=command, position_integral=path
         )
-        torque = self.drive(middle)
+        torque = self.drive_torque(middle)
         # The same middle reached a little faster: its torque gives the damping, the
         # decrease of each drive's torque per unit of velocity, by a difference.
         path = path + 0.5 * half * half * _DRIVE_VELOCITY_STEP
@@ -546,7 +546,7 @@ class ServoLoop:
             dq=dq + _DRIVE_VELOCITY_STEP,
             position_integral=path,
         )
-        damping = (torque - self.drive(faster)) / _DRIVE_VELOCITY_STEP
+        damping = (torque - self.drive_torque(faster)) / _DRIVE_VELOCITY_STEP
         return advance(
             self.plant, state, torque, h, damping[:, :, None] * np.eye(q.shape[1])
         )

@@ -56,12 +56,12 @@ class ServoGain(Servo):
 
         The drive sees the command T seconds late (shape constant T).
         """
-        column = self.drive(motion, motion.t - self.shape["T"])
+        column = self.torque_per_gain(motion, motion.t - self.shape["T"])
         return self.blocks_per_joint([column[:, j] for j in self.joints])
 
-    def drive(self, motion: Motion, at: Array) -> Array:
+    def torque_per_gain(self, motion: Motion, command_t: Array) -> Array:
         """Compute the torque (N, n) on the load from gains of one, with the command at
-        instants ``at`` (N,) [s]."""
+        the instants ``command_t`` (N,) [s]."""
         raise NotImplementedError
 
 
@@ -122,13 +122,13 @@ class ServoIntegral(ServoGain):
     symbol = "ki"
     units = ("N*m/rad/s", "N/m/s")
 
-    def drive(self, motion: Motion, at: Array) -> Array:
-        """Return minus the integral (N, n) of the position error [rad s, m s].
+    def torque_per_gain(self, motion: Motion, command_t: Array) -> Array:
+        """Return minus the integral (N, n) of the position error [rad s, m s], with the
+        command at the instants ``command_t`` (N,) [s].
 
-        Minus, because a drive's torque counts as a negative load. The command is read
-        at the instants ``at`` (N,) [s].
+        Minus, because a drive's torque counts as a negative load.
         """
-        return motion.integral - motion.logged_command.integral(at)
+        return motion.integral - motion.logged_command.integral(command_t)
 
 
 class ServoVelocityLoop(ServoGain):
@@ -153,12 +153,11 @@ class ServoVelocityLoop(ServoGain):
     symbol = "kh"
     units = ("N*m/rad", "N/m")
 
-    def drive(self, motion: Motion, at: Array) -> Array:
-        """Return the positions (N, n) [rad, m]: the integral of the velocity, up to a
-        constant.
+    def torque_per_gain(self, motion: Motion, command_t: Array) -> Array:
+        """Return the positions q (N, n) [rad, m]: the integral of the velocity, up to a
+        constant, against which the drive pulls.
 
-        The drive pulls against it, and a drive's torque counts as a negative load: the
-        sign is plus.
+        A drive's torque, -kh q, counts as a negative load: the sign is plus.
         """
         return motion.q
 
@@ -178,12 +177,13 @@ class ServoFeedforward(ServoGain):
     symbol = "kc"
     units = ("N*m*s/rad", "N*s/m")
 
-    def drive(self, motion: Motion, at: Array) -> Array:
-        """Return minus the commanded velocity (N, n) at the instants ``at`` (N,) [s].
+    def torque_per_gain(self, motion: Motion, command_t: Array) -> Array:
+        """Return minus the commanded velocity (N, n) at the instants ``command_t`` (N,)
+        [s].
 
         Minus, because a drive's torque counts as a negative load.
         """
-        return -motion.logged_command.velocity(at)
+        return -motion.logged_command.velocity(command_t)
 
 
 #: The laws of drives by their names, those with fewer gains first: their effects.

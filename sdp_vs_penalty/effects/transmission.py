@@ -252,9 +252,9 @@ class TransmissionFriction(StatefulEffect):
     def ratios(self) -> Array:
         """(n,) ratios c of the combination s = c q; zero for joints that take no
         part."""
-        out = np.zeros(self.robot.n)
-        out[list(self.joints)] = [self.shape[f"c{j + 1}"] for j in self.joints]
-        return out
+        ratios = np.zeros(self.robot.n)
+        ratios[list(self.joints)] = [self.shape[f"c{j + 1}"] for j in self.joints]
+        return ratios
 
     @property
     def contact(self) -> Array | None:

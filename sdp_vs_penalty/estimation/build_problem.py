@@ -446,9 +446,9 @@ def with_known(model: Model, known: Mapping[str, float]) -> Model:
     InputError
         For a parameter that the model does not have.
     """
-    out = replace(model, known={**model.known, **known})
-    out.require_known("--known")
-    return out
+    extended = replace(model, known={**model.known, **known})
+    extended.require_known("--known")
+    return extended
 
 
 def in_columns(runs: FilteredRuns, model: Model, workers: Workers) -> Regression:

@@ -109,7 +109,7 @@ class Certificate(Shown, JsonRecord):
         loss = f"{self.loss:.6g} (sum of squared weighted torque errors)"
         if np.isnan(self.loss):
             loss = "not known: the parameters were given, and no data with them"
-        out = [
+        facts = [
             ("worst violation", self._violations_text()),
             ("loss", loss),
             ("optimality gap", self._gap_text()),
@@ -117,24 +117,26 @@ class Certificate(Shown, JsonRecord):
         if self.smallest_thickness is not None:
             mm_per_m = 1e3
             thickness = f"{mm_per_m * self.smallest_thickness:.1f} mm"
-            out.append(("smallest thickness", thickness))
+            facts.append(("smallest thickness", thickness))
         if self.largest_gyration is not None and self.body_share is not None:
             fits = "at most"
             if self.body_share > 1.0:
                 fits = "beyond what any mass inside can have:"
             gyration = f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g}"
-            out.append(("largest radius of gyration", f"{gyration} of a link's body)"))
+            facts.append(
+                ("largest radius of gyration", f"{gyration} of a link's body)")
+            )
         if self.density is not None:
             # Lowest and highest, once if both read the same.
             span = " to ".join(dict.fromkeys(f"{x:.3g}" for x in self.density))
-            out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
+            facts.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
         if self.positive_definite_share is not None:
             share = 100.0 * self.positive_definite_share
             text = f"positive definite in {share:.4g} % of 10 000 random poses"
             if self.at_every_pose:
                 text = "valid in every pose"
-            out.append(("inertia matrix", text))
-        return out
+            facts.append(("inertia matrix", text))
+        return facts
 
     def _violations_text(self) -> str:
         """Return the violated families of constraints as text, the worst first."""
@@ -158,11 +160,13 @@ class Certificate(Shown, JsonRecord):
             return "no lower bound: the method gave no multipliers of constraints"
         # Once each: a joint may have its effect with a shape constant of its own.
         kinds = dict.fromkeys(read_effect(text).name for text in self.held)
-        held = f", with {', '.join(kinds)} held fixed" if self.held else ""
+        held_words = f", with {', '.join(kinds)} held fixed" if self.held else ""
         without = (
             ", without the limits that are not convex" if self.is_undecided else ""
         )
-        return f"{self.gap:.1e} of the loss (certified lower bound{without}){held}"
+        return (
+            f"{self.gap:.1e} of the loss (certified lower bound{without}){held_words}"
+        )
 
 
 #: Of parameters on the way to others, which nobody is shown.

@@ -170,7 +170,7 @@ def with_drive_torque(
                 command=command,
                 position_integral=part.integrals[1],
             )
-            tau[inside] += loop.drive(motion)
+            tau[inside] += loop.drive_torque(motion)
         runs.append(replace(run, tau=tau, torque_logged=True))
     return concatenate(runs)
 

@@ -909,14 +909,19 @@ class Estimate(Record):
 
     @property
     def base_entries(self) -> tuple[ParameterEntry, ...]:
-        """What is known of each base parameter."""
-        listed = {entry.name: entry for entry in self.report.base_parameters}
-        unlisted = BaseEntry("", np.nan)
-        known = [listed.get(x.name, unlisted) for x in self.uncertainty.base]
-        return tuple(
-            ParameterEntry(**vars(interval), nominal=x.nominal, source=x.source)
-            for interval, x in zip(self.uncertainty.base, known, strict=True)
-        )
+        """One entry a base parameter: value and interval, with the nominal value and the
+        source that the report has; NaN and "data" where it has none."""
+        report_by_name = {entry.name: entry for entry in self.report.base_parameters}
+        not_in_report = BaseEntry("", np.nan)
+        entries = []
+        for interval in self.uncertainty.base:
+            reported = report_by_name.get(interval.name, not_in_report)
+            entries.append(
+                ParameterEntry(
+                    **vars(interval), nominal=reported.nominal, source=reported.source
+                )
+            )
+        return tuple(entries)
 
     def require_joints(
         self, measurements: Measurements, what: str = "measurements"

@@ -373,22 +373,20 @@ def optimised(
             radius *= 2.0
         x = candidate
         value, slope = search.evaluated(x)
-        history.append(regressor.condition(_with(start, x)))
+        history.append(regressor.condition(_with_coefficients(start, x)))
         progress(
             f"excitation: iteration {len(history) - 1}, condition number"
             f" {history[-1]:.2f}"
         )
-    best = shrunk(_with(start, x), limits)
+    best = shrunk(_with_coefficients(start, x), limits)
     return Excitation(best, regressor.condition(best), tuple(history))
 
 
-def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
-    """Return the trajectory with Fourier coefficients x (n, 2 L + 1) = (a, b, q_0).
-
-    L is the number of harmonics. Frequency, blend and duration are those of ``like``.
-    """
+def _with_coefficients(trajectory: FourierTrajectory, x: Array) -> FourierTrajectory:
+    """Return a trajectory with other Fourier coefficients, x (n, 2 L + 1) = (a, b, q_0) of
+    L harmonics; frequency, blend and duration stay."""
     a, b = np.split(x[:, :-1], 2, axis=1)
-    return replace(like, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
+    return replace(trajectory, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
 
 
 class _Search:
@@ -427,7 +425,7 @@ class _Search:
         width = 2 * start.a.shape[1] + 1  # a (L), b (L) and q_0 of a joint
         # States are linear in the coefficients: with the unit matrix for coefficients,
         # "joint" k moves as the kth coefficient alone makes a joint move.
-        unit_motions = _with(start, np.eye(width))
+        unit_motions = _with_coefficients(start, np.eye(width))
         sizes = np.repeat(limits_of_states, len(instants), axis=1)[:, :, None]
         self.rows = np.concatenate(unit_motions.states(instants)) / sizes
         # Only positions, the first third of the rows, count from the middle.
@@ -480,12 +478,13 @@ class _Search:
         return value, slope
 
     def best_of_linear_model(self, x: Array, slope: Array, radius: float) -> Array:
-        """Minimise the linear model of the objective by one linear program a joint.
-
-        The limits do not couple joints. x (n, w) are the present Fourier coefficients.
+        """Minimise the linear model of the objective by one linear program a joint, since
+        the limits do not couple joints.
 
         Parameters
         ----------
+        x : (n, w) array
+            Present Fourier coefficients.
         slope : (n, w) array
             Gradient of the objective at x.
         radius : float
@@ -496,7 +495,7 @@ class _Search:
         (n, w) array
             Coefficients within the trust region and the limits.
         """
-        out = x.copy()
+        best = x.copy()
         for j in self.joints:
             rows = self.rows[j]
             offset = self.offset[j]
@@ -515,8 +514,8 @@ class _Search:
             )
             is_solved = solution.status == 0
             if is_solved:
-                out[j] = solution.x * unit
-        return out
+                best[j] = solution.x * unit
+        return best
 
 
 def condition_bound(w: Array) -> tuple[float, Array]:

@@ -519,30 +519,28 @@ class _ShapeProfile:
         """Linearise the fit around the estimates: return the columns that take part in
         it.
 
-        The columns are: the k directions of the other columns (bank -1); each bank's
-        column at the model's value; and, for a constant that has moved, its column at
-        the new value with the derivative by ln u (without it if the value lies at an
-        end of its range). A bank is an open constant with its columns on a grid of
-        values.
+        The columns are: the k directions of the columns without an open constant (bank
+        -1); each bank's column at the model's value; and, for a constant that has moved,
+        its column at the new value with the derivative by ln u (without it if the value
+        lies at an end of its range).
         """
-        # Each column: its bank, whether it is new, and its weights on the bank's grid (K,).
-        columns = list[tuple[int, bool, Array]]()
+        bank_of = [-1] * self.shown_directions.shape[1]
+        is_new = [False] * len(bank_of)
+        weights_of = list[Array]()  # (K,) of each further column, on its bank's grid
         for j, (bank, estimate) in enumerate(zip(self.banks, estimates, strict=True)):
-            columns.append((j, False, bank.weights(self.log_model_values[j])[0]))
+            weights = [bank.weights(self.log_model_values[j])[0]]
             if estimate.after != estimate.before:
                 value, derivative = bank.weights(float(np.log(estimate.after)))
-                columns.append((j, True, value))
-                if not estimate.at_end:
-                    columns.append((j, True, derivative))
-        combinations = np.zeros((self.n_bank_columns + 1, len(columns) + 1))
-        for k, (j, _, weights) in enumerate(columns):
-            combinations[self.banks[j].columns - len(self.shown_directions), k] = (
-                weights
-            )
+                weights += [value] if estimate.at_end else [value, derivative]
+            weights_of += weights
+            bank_of += [j] * len(weights)
+            is_new += [False] + [True] * (len(weights) - 1)
+        combinations = np.zeros((self.n_bank_columns + 1, len(weights_of) + 1))
+        n_others = len(self.shown_directions)  # columns without an open constant
+        banks = bank_of[len(bank_of) - len(weights_of) :]
+        for k, (j, weights_on_grid) in enumerate(zip(banks, weights_of, strict=True)):
+            combinations[self.banks[j].columns - n_others, k] = weights_on_grid
         combinations[-1, -1] = 1.0  # the torque
-        n_shown = self.shown_directions.shape[1]  # k, directions of the other columns
-        bank_of = [-1] * n_shown + [j for j, _, _ in columns]
-        is_new = [False] * n_shown + [new for _, new, _ in columns]
         return _LocalColumns(combinations, np.array(bank_of), np.array(is_new))
 
     def _fits_without_folds(

@@ -515,11 +515,11 @@ class Uncertainty(JsonRecord):
         """(p, p) covariance of theta; NaN rows and columns where the data do not
         determine it.
         """
-        out = self.factor @ self.factor.T
+        covariance = self.factor @ self.factor.T
         is_undetermined = np.isnan(self.std)
-        out[is_undetermined] = np.nan
-        out[:, is_undetermined] = np.nan
-        return read_only(out)
+        covariance[is_undetermined] = np.nan
+        covariance[:, is_undetermined] = np.nan
+        return read_only(covariance)
 
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
         """Return the intervals for another uncertainty of the torque channels' gains.

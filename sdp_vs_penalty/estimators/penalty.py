@@ -98,11 +98,11 @@ class QuadraticForms:
     def jacobian(self, x: Array) -> Array:
         """Return (K, p) the derivatives of the forms by all scaled parameters x
         (p,)."""
-        local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
-        local[:, 0] += self.slopes
-        out = np.zeros((len(self.indices), len(x)))
-        out[np.arange(len(out))[:, None], self.indices] = local
-        return out
+        by_form = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
+        by_form[:, 0] += self.slopes
+        jacobian = np.zeros((len(self.indices), len(x)))
+        jacobian[np.arange(len(jacobian))[:, None], self.indices] = by_form
+        return jacobian
 
 
 def barycentric_part(
@@ -286,9 +286,9 @@ class ShiftedPenalty:
         It is the inverse of :meth:`multipliers`. Shifts of limits that are not convex,
         and all without multipliers, are zero. ``x`` (p,) are scaled parameters.
         """
-        out = [np.zeros_like(part.values(x)) for part in self.parts]
+        shifts = [np.zeros_like(part.values(x)) for part in self.parts]
         if multipliers is None:
-            return out
+            return shifts
         by_constraint = dict(
             zip(constraints.convex, constraints.entries.each(multipliers), strict=True)
         )
@@ -296,8 +296,8 @@ class ShiftedPenalty:
         for k, group in enumerate(self.received.groups):
             places = group.places.tolist()
             values = [by_constraint[self.received.convex[place]] for place in places]
-            out[k] = np.array(values) / (self.loss_scale * self.parts[k].scale)
-        return out
+            shifts[k] = np.array(values) / (self.loss_scale * self.parts[k].scale)
+        return shifts
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Return the next shifts of the augmented Lagrangian, Pi_K(S - w F(x)), an
@@ -428,45 +428,57 @@ class _Stage:
     def gauss_newton(self) -> tuple["_Point", bool]:
         """Take Gauss-Newton steps from the centre until they settle.
 
-        A step that does not gain a share of what its slope promises (Armijo's rule) is
-        cut to where a parabola through both its ends is lowest. Steps become short
-        where cones begin to act within them.
-
-        Returns
-        -------
-        tuple of (_Point, bool)
-            The last point, and whether steps have settled within _EVALUATIONS.
+        A step minimises |T step + r|^2, with the triangle T of all rows. It has settled
+        if it promises a share _SETTLED of the value at most, and steps no longer improve
+        fast. Returns the last point, and whether steps have settled within _EVALUATIONS.
         """
         point = self.at(self.centre)
-        last = np.inf
+        last_gain = np.inf
         n_evaluations = 1
         while n_evaluations < _EVALUATIONS:
-            # The Gauss-Newton step minimises |T step + r|^2, with a triangular T.
             triangle = self.triangle(point)
             r = triangle[:-1, -1]
             step, _ = scipy.linalg.lapack.dtrtrs(triangle[:-1, :-1], -r)
             # A whole step gains |r|^2 where the rows are linear; the slope is twice that.
             gain = float(r @ r)
             settled = gain <= _SETTLED * point.value
-            if settled and gain > _LAST_GAIN * last:
+            if settled and gain > _LAST_GAIN * last_gain:
                 return point, True
-            last = gain
-            share = 1.0
-            trial = self.at(point.z + step)
-            n_evaluations += 1
-            # The value of a settled stage is known to rounding only: no step is cut.
-            while not settled:
-                rise = trial.value - point.value
-                if not rise > -2.0 * _ARMIJO * share * gain:
-                    break
-                if n_evaluations == _EVALUATIONS:
-                    return point, False
-                lowest = gain * share**2 / (rise + 2.0 * gain * share)
-                share = min(0.5 * share, max(lowest, _SMALLEST_CUT * share))
-                trial = self.at(point.z + share * step)
+            last_gain = gain
+            if settled:
+                # The value of a settled stage is known to rounding only: no step is cut.
+                trial: _Point | None = self.at(point.z + step)
                 n_evaluations += 1
+            else:
+                trial, n_evaluations = self._cut_step(point, step, gain, n_evaluations)
+            if trial is None:
+                return point, False
             point = trial
         return point, False
+
+    def _cut_step(
+        self, point: "_Point", step: Array, gain: float, n_evaluations: int
+    ) -> tuple["_Point | None", int]:
+        """Return the point after a step (p,), or after the share of it that gains enough,
+        and the number of evaluations so far; no point after _EVALUATIONS of them.
+
+        A step that does not gain a share of what its slope, -2 ``gain``, promises
+        (Armijo's rule) is cut to where a parabola through both its ends is lowest. Steps
+        become short where cones begin to act within them.
+        """
+        share = 1.0
+        trial = self.at(point.z + step)
+        n_evaluations += 1
+        while True:
+            rise = trial.value - point.value
+            if not rise > -2.0 * _ARMIJO * share * gain:
+                return trial, n_evaluations
+            if n_evaluations == _EVALUATIONS:
+                return None, n_evaluations
+            lowest = gain * share**2 / (rise + 2.0 * gain * share)
+            share = min(0.5 * share, max(lowest, _SMALLEST_CUT * share))
+            trial = self.at(point.z + share * step)
+            n_evaluations += 1
 
 
 @dataclass(frozen=True)
@@ -856,9 +868,9 @@ class BarycentricBox:
     def theta(self, p: Array) -> Array:
         """Return standard parameters (p,) of barycentric p (p,): h = m c, J = I + m
         (c.c 1 - c c^T)."""
-        out = p.copy()
-        out[self.links] = inertia.standard_from_barycentric(p[self.links])
-        return out
+        theta = p.copy()
+        theta[self.links] = inertia.standard_from_barycentric(p[self.links])
+        return theta
 
     def pull_back(self, p: Array, gradient: Array) -> Array:
         """Return the gradient (p,) by barycentric parameters, (d theta / d p)^T
@@ -867,20 +879,20 @@ class BarycentricBox:
         centres = self.links[:, 1:4]
         c = p[centres]
         by_links = gradient[self.links]
-        by_moments = by_links[:, 4:]
-        # Half of d J / d(m c).
-        half_slopes = np.einsum("ne,eij,nj->ni", by_moments, inertia.STEINER_FORMS, c)
         by_first_moments = by_links[:, 1:4]
-        out = gradient.copy()
-        out[masses[:, 0]] += np.sum(c * (by_first_moments + half_slopes), axis=1)
-        out[centres] = p[masses] * (by_first_moments + 2.0 * half_slopes)
-        return out
+        by_inertias = by_links[:, 4:]
+        # Half of the slope of J = I + m (c.c 1 - c c^T) over m c, (n, 3).
+        half_slopes = np.einsum("ne,eij,nj->ni", by_inertias, inertia.STEINER_FORMS, c)
+        by_p = gradient.copy()
+        by_p[masses[:, 0]] += np.sum(c * (by_first_moments + half_slopes), axis=1)
+        by_p[centres] = p[masses] * (by_first_moments + 2.0 * half_slopes)
+        return by_p
 
     def p(self, theta: Array) -> Array:
         """Return barycentric parameters (p,) of theta (p,), clipped to the box; the
         middle of the box for a massless link."""
-        out = theta.copy()
-        out[self.links] = inertia.barycentric_from_standard(theta[self.links])
+        p = theta.copy()
+        p[self.links] = inertia.barycentric_from_standard(theta[self.links])
         middle = 0.5 * (self.lower + self.upper)
-        finite = np.where(np.isfinite(out), out, middle)
+        finite = np.where(np.isfinite(p), p, middle)
         return np.clip(finite, self.lower, self.upper)

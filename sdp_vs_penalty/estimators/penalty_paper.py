@@ -487,9 +487,9 @@ class PenalisedLoss:
 
     def p(self, u: Array) -> Array:
         """Return the barycentric parameters (p,) of a point u (d,) of the unit box."""
-        out = self.fixed.copy()
-        out[self.free] = self.lower + u * self.width
-        return out
+        p = self.fixed.copy()
+        p[self.free] = self.lower + u * self.width
+        return p
 
     def theta(self, u: Array) -> Array:
         """Return the standard parameters (p,) of a point u (d,) of the unit box."""
@@ -539,11 +539,11 @@ class PenalisedLoss:
         dict of str to float
             Triangle inequality D3 - D1 - D2 [kg m^2], total mass [kg], centre of mass [m].
         """
-        out = {TriangleInequality.family: 0.0}
+        largest = {TriangleInequality.family: 0.0}
         for demand in self.demands:
-            so_far = out.get(demand.family, 0.0)
-            out[demand.family] = max(so_far, demand.violation(p))
-        return out
+            so_far = largest.get(demand.family, 0.0)
+            largest[demand.family] = max(so_far, demand.violation(p))
+        return largest
 
 
 def _groups(task: Task, family: str) -> tuple[ConeGroup, ...]:

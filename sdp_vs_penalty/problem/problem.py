@@ -325,21 +325,22 @@ class Problem(Shown):
         These are masses m [kg], and first moments m c [kg m] along axes on which c is
         stated: where m is known, or c is zero.
         """
-        out: dict[str, float] = {}
+        values: dict[str, float] = {}
         low, high = self.box[:, :4, 0], self.box[:, :4, 1]
-        for link, is_equal in enumerate(low == high):
-            names = inertia.parameter_names(link + 1)
+        for link, is_stated in enumerate(low == high):
+            mass_name, *moment_names = inertia.parameter_names(link + 1)[:4]
             mass, *centre = low[link].tolist()
-            if is_equal[0]:
-                out[names[0]] = mass
-            for name, x, is_stated in zip(
-                names[1:4], centre, is_equal[1:], strict=True
+            is_mass_stated, *are_coordinates_stated = is_stated.tolist()
+            if is_mass_stated:
+                values[mass_name] = mass
+            for name, coordinate, is_coordinate_stated in zip(
+                moment_names, centre, are_coordinates_stated, strict=True
             ):
-                if is_stated and x == 0.0:
-                    out[name] = 0.0
-                elif is_stated and is_equal[0]:
-                    out[name] = mass * x
-        return out
+                if is_coordinate_stated and coordinate == 0.0:
+                    values[name] = 0.0
+                elif is_coordinate_stated and is_mass_stated:
+                    values[name] = mass * coordinate
+        return values
 
     @property
     def guessed_links(self) -> Mask:

@@ -66,14 +66,14 @@ def ratios(
         [sign * numerators[k] for k in with_mass for sign in (1.0, -1.0)],
         [denominators[k] for k in with_mass for _ in range(2)],
     )
-    out = [(OPEN[1.0], OPEN[-1.0])] * len(masses)
+    ranges = [(OPEN[1.0], OPEN[-1.0])] * len(masses)
     for k, low, high in zip(with_mass, ends[::2], ends[1::2], strict=True):
         h, m = numerators[k], denominators[k]
         least_mass = masses[k][0].value
         below = _ratio(low, h, m, least_mass)
         above = _ratio(high, -h, m, least_mass)  # minus the greatest value
-        out[k] = below, replace(above, value=-above.value, attained=-above.attained)
-    return out
+        ranges[k] = below, replace(above, value=-above.value, attained=-above.attained)
+    return ranges
 
 
 def _ratio(end: End, h: Array, m: Array, least_mass: float) -> RangeEnd:

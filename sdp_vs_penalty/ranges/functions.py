@@ -62,7 +62,7 @@ def functions_by_name(
         For a name that the model does not have.
     """
     known = {f.name: f for f in all_functions(problem, model)}
-    out = dict[str, Function]()
+    by_name = dict[str, Function]()
     for name in names:
         chosen = [known[name]] if name in known else _group(name, known)
         if not chosen:
@@ -70,8 +70,8 @@ def functions_by_name(
                 f"write m1, c1x, I1xx, {TOTAL!r}, a parameter, or {', '.join(GROUPS)}"
             )
             raise InputError(f"{name!r} is no parameter of this model", remedy)
-        out |= {f.name: f for f in chosen}
-    return list(out.values())
+        by_name |= {f.name: f for f in chosen}
+    return list(by_name.values())
 
 
 def coefficients(problem: Problem, model: Model, name: str) -> Array:

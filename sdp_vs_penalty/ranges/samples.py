@@ -524,29 +524,29 @@ def _draw_truncated_normal(
     (overrelaxation: Neal 1998), which keeps chains from wandering. Without ``reflects``
     all are samples.
     """
-    # Ends and present point in standard deviations from the mean.
+    # Ends and present point in standard deviations from the mean, mirrored to the lower
+    # tail, where the distribution function has its digits.
     a, b, present = ((x - mean) / std for x in (low, high, np.zeros_like(mean)))
-    # Mirrored to the lower tail, where the distribution function has its digits.
     sign = np.where(a > 0.0, -1.0, 1.0)
-    left, right = np.minimum(sign * a, sign * b), np.maximum(sign * a, sign * b)
-    log_left, log_present, log_right = scipy.special.log_ndtr(
-        np.array([left, np.clip(sign * present, left, right), right])
+    lower, upper = np.minimum(sign * a, sign * b), np.maximum(sign * a, sign * b)
+    log_lower, log_present, log_upper = scipy.special.log_ndtr(
+        np.array([lower, np.clip(sign * present, lower, upper), upper])
     )
     # Quantile u of the present point in the cut distribution. On a short interval, where
     # the difference of distribution functions has no digits, the normal is flat.
     is_flat = b - a < 1e-5
-    lowest = np.exp(log_left - log_right)
+    below = np.exp(log_lower - log_upper)  # what is cut off, over what lies below upper
     flat_u = -low / (high - low)
     with np.errstate(invalid="ignore", divide="ignore"):
-        u = (np.exp(log_present - log_right) - lowest) / (1.0 - lowest)
+        u = (np.exp(log_present - log_upper) - below) / (1.0 - below)
     u = np.where(is_flat, np.where(sign > 0.0, flat_u, 1.0 - flat_u), u)
     # The next quantile, and the t that has it.
     is_sample = rng.random(len(mean)) < (0.5 if reflects else 1.0)
     u = np.where(is_sample, rng.random(len(mean)), 1.0 - u)
     u = np.clip(u, 0.0, 1.0)
-    quantile = lowest + u * (1.0 - lowest)
-    x = scipy.special.ndtri_exp(log_right + np.log(np.maximum(quantile, 1e-300)))
-    t = mean + std * sign * np.clip(x, left, right)
+    quantile = below + u * (1.0 - below)
+    x = scipy.special.ndtri_exp(log_upper + np.log(np.maximum(quantile, 1e-300)))
+    t = mean + std * sign * np.clip(x, lower, upper)
     flat_t = low + np.where(sign > 0.0, u, 1.0 - u) * (high - low)
     return np.clip(np.where(is_flat, flat_t, t), low, high)
 

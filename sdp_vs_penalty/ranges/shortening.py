@@ -113,7 +113,7 @@ def compare_motions(
     ((least, greatest),) = EndSearch(allowed).least_and_greatest([g])
     before = least.value, greatest.value
     c = max(least.rise, greatest.rise)
-    out = []
+    runs = []
     for k, motion in enumerate(motions, start=1):
         progress(f"motion {k} of {len(motions)}")
         fitting = shrunk(motion, limits)
@@ -121,8 +121,8 @@ def compare_motions(
         ((least, greatest),) = EndSearch(smaller).least_and_greatest([g])
         # What is known already stays known.
         after = max(least.value, before[0]), min(greatest.value, before[1])
-        out.append(ShorteningRun(fitting, before, after))
-    return tuple(sorted(out, key=lambda run: run.length))
+        runs.append(ShorteningRun(fitting, before, after))
+    return tuple(sorted(runs, key=lambda run: run.length))
 
 
 def with_rows(allowed: AllowedSet, rows: Array, rise: float) -> AllowedSet:

@@ -172,38 +172,38 @@ class Ranges(Record, JsonRecord):
     def notes(self) -> list[str]:
         """Return what the table rests on, a sentence each."""
         mass, distance = self.far_limits
-        out = [
+        notes = [
             f"Every consistent model that fits these data has a value in its range, with"
             f" {100 * self.level:g} % probability for each range by itself. Each end is"
             " certified by a proof; a model that fits attains it, but where it is marked."
         ]
         if self._has_open_end:
-            out.append(
+            notes.append(
                 "Open: nothing limits the end. A change of the links that no torque shows"
                 " keeps them consistent however often it is made, or a centre is that of"
                 " a mass that may be zero."
             )
         if any(FAR in e.limited_by for r in self.ranges for e in (r.least, r.greatest)):
-            out.append(
+            notes.append(
                 "Far limit: the end holds as long as no link has more than"
                 f" {mass:g} kg, or mass beyond {distance:.3g} m of its frame."
             )
         if any(e.is_outer for r in self.ranges for e in (r.least, r.greatest)):
-            out.append(
+            notes.append(
                 "An end behind ~ is an outer bound: the true end may lie inside."
             )
         share = self.structure_share
         if share is None:
-            out.append(
+            notes.append(
                 "The noise is not known: the model's own error may widen ranges."
             )
         elif share > 0.0:
-            out.append(
+            notes.append(
                 f"Noise does not explain {100 * share:.0f} % of the residual's squares. With"
                 " model error: the torque may err as much where the model can hide it as"
                 " it does where one sees it. That is a definition, not a probability."
             )
-        return out
+        return notes
 
     @property
     def _has_open_end(self) -> bool:

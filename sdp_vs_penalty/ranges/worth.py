@@ -115,10 +115,10 @@ def _least_and_greatest(allowed: AllowedSet, g: Array) -> tuple[float, float]:
     ((least, greatest),) = EndSearch(allowed).least_and_greatest([g])
     rounding = 1e-9 * (greatest.value - least.value)
 
-    def rounded(value: float) -> float:
+    def without_rounding(value: float) -> float:
         return value if abs(value) > rounding else 0.0
 
-    return rounded(least.value), rounded(greatest.value)
+    return without_rounding(least.value), without_rounding(greatest.value)
 
 
 def _after_weighing(

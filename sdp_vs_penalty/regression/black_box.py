@@ -10,7 +10,7 @@ et al. 2019, sec. III.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -189,37 +189,45 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
             f"identify the one effect {standard_effect('links').name}",
         )
     robot = model.robot
-    n = model.robot.n
     zero = np.zeros_like(box.q)
-    known_links = model.with_known(np.zeros(len(model.parameters)))
-    is_free = ~np.isin(np.arange(len(known_links)), list(model.known_values))
     # Regressors (K, n, p) of gravity, and of a unit acceleration of each joint.
     gravity = robot.regressor(box.q, zero, zero)
     inertial = []
-    for unit_acceleration in np.eye(n):
+    for unit_acceleration in np.eye(robot.n):
         accelerated = robot.regressor(box.q, zero, zero + unit_acceleration)
         inertial.append(accelerated - gravity)
     factors = []
-    for joint, links in enumerate(robot.subtree):
-        # A joint carries the links behind it, with ten parameters each.
-        first = 10 * np.array(links, np.intp)
-        columns = (first[:, None] + np.arange(10)).ravel()
+    for joint in range(robot.n):
         equations = [(gravity, box.gravity[:, joint])]
-        for k in range(joint, n):
+        for k in range(joint, robot.n):
             equations.append((inertial[k], box.mass_matrix[:, joint, k]))
-        stack = []
-        for regressor, values in equations:
-            rows = regressor[:, joint, columns]
-            known_torque = rows @ known_links[columns]
-            free = rows * is_free[columns]
-            stack.append(np.column_stack([free, values - known_torque]))
-        n_rows = sum(map(len, stack))
-        factors.append(Factor(joint, 0, columns, triangular(stack), n_rows))
+        factors.append(_factor_of_joint(model, joint, equations))
     block = (0, 0.0, 0.0)
     return Regression(
         model.parameters,
-        joints=n,
+        joints=robot.n,
         blocks=(block,),
         factors=tuple(factors),
         oversampling=1.0,
     )
+
+
+def _factor_of_joint(
+    model: Model, joint: int, equations: Sequence[tuple[Array, Array]]
+) -> Factor:
+    """Return a joint's factor: the triangle of all its equations Y theta = torque, without
+    the torque of known parameters. ``equations`` are pairs of a regressor (K, n, p) and
+    the joint's torque (K,)."""
+    links = np.array(model.robot.subtree[joint], np.intp)
+    # A joint carries the links behind it, with ten parameters each.
+    indices = (10 * links[:, None] + np.arange(10)).ravel()
+    known = model.with_known(np.zeros(len(model.parameters)))
+    is_free = ~np.isin(np.arange(len(known)), list(model.known_values))
+    stack = []
+    for regressor, torque in equations:
+        rows = regressor[:, joint, indices]
+        known_torque = rows @ known[indices]
+        free_rows = rows * is_free[indices]
+        stack.append(np.column_stack([free_rows, torque - known_torque]))
+    n_rows = sum(map(len, stack))
+    return Factor(joint, 0, indices, triangular(stack), n_rows)

@@ -140,21 +140,23 @@ def instrumented(
         measured = rows[:, -k - 1 :]
         parts.append(_Instrumented(joint, indices[-k:], simulated, measured))
     instruments, theta = _estimate(model, parts)
-    out = []
+    rows_by_factor = []
     for part, Z in zip(parts, instruments, strict=True):
         X, tau = part.measured[:, :-1], part.measured[:, -1]
         torque = tau + (Z - X) @ theta[part.indices]  # tau^ = tau - X theta^ + Z theta^
-        out.append((part.indices, np.column_stack([Z, torque])))
-    return out
+        rows_by_factor.append((part.indices, np.column_stack([Z, torque])))
+    return rows_by_factor
 
 
-def _residuals(model: Model, parts: Sequence[_Instrumented], theta: Array) -> Array:
+def _squared_residuals(
+    model: Model, parts: Sequence[_Instrumented], theta: Array
+) -> Array:
     """Return (n,) the squared residual |X theta - tau|^2 of each joint's torque."""
-    out = np.zeros(model.robot.n)
+    squares = np.zeros(model.robot.n)
     for part in parts:
         modelled = part.measured[:, :-1] @ theta[part.indices]
-        out[part.joint] += np.sum((modelled - part.measured[:, -1]) ** 2)
-    return out
+        squares[part.joint] += np.sum((modelled - part.measured[:, -1]) ** 2)
+    return squares
 
 
 def _instruments_of(part: _Instrumented, model: Model, theta: Array | None) -> Array:
@@ -191,17 +193,16 @@ def _estimate(
     their torque is no part of the rows.
     """
     theta = model.reference if model.drives.any() else None
-    residuals = np.ones(model.robot.n)
+    squares = np.ones(model.robot.n)
     if theta is not None:
-        residuals = _residuals(model, parts, theta)
+        squares = _squared_residuals(model, parts, theta)
     for _ in range(4):
         instruments = [_instruments_of(part, model, theta) for part in parts]
-        largest = float(residuals.max()) or 1.0
-        weights = 1.0 / np.maximum(residuals, 1e-12 * largest)
+        largest = float(squares.max()) or 1.0
+        weights = 1.0 / np.maximum(squares, 1e-12 * largest)
         solution = _solution(len(model.parameters), parts, instruments, weights)
         theta = model.with_known(solution)
-        residuals = _residuals(model, parts, theta)
-    # The torque of known parameters is no part of the rows.
+        squares = _squared_residuals(model, parts, theta)
     solution[list(model.known_values)] = 0.0
     return instruments, solution
 
@@ -215,29 +216,29 @@ def _solution(
     W holds ``weights`` (n,) of the joints, their inverse squared residuals. Directions
     of theta in which the instruments Z are zero up to rounding stay zero.
     """
-    # Sums over all rows: Z^T Z, Z^T X and Z^T tau; X holds the torque as last column.
-    zz = np.zeros((p, p))
-    zx = np.zeros((p, p))
-    right = np.zeros(p)
+    # Sums over all rows; X holds the torque as last column.
+    ZtZ = np.zeros((p, p))
+    ZtX = np.zeros((p, p))
+    Zt_tau = np.zeros(p)
     for part, Z in zip(parts, instruments, strict=True):
         weighted = weights[part.joint] * Z.T
         place = np.ix_(part.indices, part.indices)
-        zz[place] += weighted @ Z
-        zx[place] += weighted @ part.measured[:, :-1]
-        right[part.indices] += weighted @ part.measured[:, -1]
+        ZtZ[place] += weighted @ Z
+        ZtX[place] += weighted @ part.measured[:, :-1]
+        Zt_tau[part.indices] += weighted @ part.measured[:, -1]
     # Directions V that the instruments determine, from Z^T Z with unit columns.
-    size = np.sqrt(np.diag(zz))
-    used = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
+    norms = np.sqrt(np.diag(ZtZ))
+    used = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
     of_used = np.ix_(used, used)
-    unit = zz[of_used] / np.outer(size[used], size[used])
-    values, vectors = np.linalg.eigh(unit)
-    # Where the instruments' columns, of unit norm, are shorter noise of X alone would
-    # decide.
-    is_determined = values > 1e-6**2 * values.max(initial=0.0)
-    V = vectors[:, is_determined] / size[used, None]
+    at_unit_norm = ZtZ[of_used] / np.outer(norms[used], norms[used])
+    eigenvalues, vectors = np.linalg.eigh(at_unit_norm)
+    # Where combinations of the instruments' columns are shorter than 1e-6, noise of X
+    # alone would decide.
+    is_determined = eigenvalues > 1e-6**2 * eigenvalues.max(initial=0.0)
+    V = vectors[:, is_determined] / norms[used, None]
     # theta = V x with V^T Z^T X V x = V^T Z^T tau.
-    projected = V.T @ zx[of_used] @ V
-    x = np.linalg.lstsq(projected, V.T @ right[used], rcond=None)[0]
+    projected = V.T @ ZtX[of_used] @ V
+    x = np.linalg.lstsq(projected, V.T @ Zt_tau[used], rcond=None)[0]
     solution = np.zeros(p)
     solution[used] = V @ x
     return solution

@@ -121,10 +121,10 @@ class ProductSquares(LeastSquares):
             The known values [SI] by their index in theta.
         """
         known = list(values)
-        left = np.eye(len(self.products))  # columns and torque that are left, of all
-        left[known, known] = 0.0
-        left[known, -1] = [-value for value in values.values()]
-        products = left.T @ self.products @ left
+        map_to_others = np.eye(len(self.products))  # from all columns and the torque
+        map_to_others[known, known] = 0.0
+        map_to_others[known, -1] = [-value for value in values.values()]
+        products = map_to_others.T @ self.products @ map_to_others
         return self.from_products(products, self.rows, self.tau_squared)
 
 

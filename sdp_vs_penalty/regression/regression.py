@@ -582,20 +582,22 @@ def _cells_of_run(
     of_run = instrumented_rows(run, model) if has_instruments else free_rows(run, model)
     for rows in of_run:
         count += len(rows.torque)
-        _take(cells, rows, folds.cell(index, rows.motion.t))
+        _merge_rows(cells, rows, folds.cell(index, rows.motion.t))
     factors = [cells[block_and_joint] for block_and_joint in sorted(cells)]
     return factors, count / run.rows_per_sample
 
 
-def _take(cells: dict[tuple[int, int], Factor], rows: Rows, owner: Indices) -> None:
-    """Merge rows into the factors ``cells`` of their block and joint, in place.
+def _merge_rows(
+    cells: dict[tuple[int, int], Factor], rows: Rows, block_of_row: Indices
+) -> None:
+    """Merge rows into the factors ``cells``, by block and joint, in place.
 
     A factor is a triangle that replaces its rows in least squares. ``rows`` are M rows
-    a joint; ``owner`` (M,) is the block (fold or piece of a run) of each row.
+    a joint; ``block_of_row`` (M,) is the fold or piece of a run that each belongs to.
     """
     # Sort the rows by block; block k of ``blocks`` begins at row begin[k].
-    order = np.argsort(owner, kind="stable")
-    blocks, begin = np.unique(owner[order], return_index=True)
+    order = np.argsort(block_of_row, kind="stable")
+    blocks, begin = np.unique(block_of_row[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
         rows_and_torque = np.column_stack([columns.columns, rows.torque[:, joint]])
         rows_and_torque = rows_and_torque.take(order, axis=0)

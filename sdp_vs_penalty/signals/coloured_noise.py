@@ -218,11 +218,11 @@ def lone_windows(
 
 def cut_into_stretches(pieces: Sequence[Indices], size: int) -> list[Indices]:
     """Cut pieces (arrays of row numbers) into stretches of about ``size`` rows each."""
-    out = []
+    stretches = []
     for piece in pieces:
         n_stretches = max(1, round(len(piece) / size))
-        out += np.array_split(piece, n_stretches)
-    return out
+        stretches += np.array_split(piece, n_stretches)
+    return stretches
 
 
 def _window_energy(

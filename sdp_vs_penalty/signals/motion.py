@@ -232,8 +232,8 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
         longest = steps.max(axis=1, initial=0.0)
         n_points = np.maximum(np.ceil(longest / (_NEAR * distance)), 1.0)
         ends = np.append(0.0, np.cumsum(n_points))
-        at = np.arange(ends[-1] + 1.0)
-        points.append(interpolated(at, ends, line))
+        places = np.arange(ends[-1] + 1.0)
+        points.append(interpolated(places, ends, line))
     return scipy.spatial.cKDTree(np.concatenate(points))
 
 

@@ -185,7 +185,7 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     Returns (M, n) values; each column is contiguous in memory. Beyond the ends they are
     those of the ends.
     """
-    out = np.empty((values.shape[1], len(at)))
+    interpolated_rows = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):
         instants = at[start : start + PART]
         # Pass only the samples around: interpolation copies its arguments.
@@ -193,11 +193,11 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
         begin = int(behind) - 1
         end = int(np.searchsorted(t, instants[-1])) + 1
         samples = slice(max(begin, 0), end)
-        for row, channel in zip(out, values[samples].T, strict=True):
+        for row, channel in zip(interpolated_rows, values[samples].T, strict=True):
             row[start : start + PART] = np.interp(instants, t[samples], channel)
         drop_pages(t)  # a search looks at instants far away
         drop_pages(values[samples])
-    return out.T
+    return interpolated_rows.T
 
 
 def split_at_gaps(run: Measurements) -> Iterator[Stretch]:

@@ -187,22 +187,22 @@ def friction_laws(motion: Motion, joint: int) -> Array:
 
 
 def unexplained_standstill_torque(
-    left: Array, laws: Array, share: Array
+    residual: Array, laws: Array, still_share: Array
 ) -> tuple[float, bool]:
     """Estimate the torque at standstill that laws of friction leave unexplained.
 
     The laws are fitted to the residual by least squares, which leaves e. Then s^2 =
     mean(e^2) over rows that are mostly standstill, less mean(e^2) over moving rows. If
     the torque is large, all standstills may share one unknown value: s is raised by
-    sqrt(sum(share^2)), so that together they weigh as one row.
+    sqrt(sum(still_share^2)), so that together they weigh as one row.
 
     Parameters
     ----------
-    left : (M,) array
+    residual : (M,) array
         Residual torque of a joint [N m or N].
     laws : (M, k) array
         Columns of friction, from :func:`friction_laws`.
-    share : (M,) array
+    still_share : (M,) array
         Share of each row that is standstill [-].
 
     Returns
@@ -212,16 +212,16 @@ def unexplained_standstill_torque(
     bool
         Whether no law explains it: s^2 exceeds four times that of moving rows.
     """
-    moves = share < STILL
-    stands = share > 0.5
+    moves = still_share < STILL
+    stands = still_share > 0.5
     if not moves.any() or not stands.any():
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
     laws = laws / nonzero_or_one(size)
-    fitted = np.linalg.lstsq(laws, left, rcond=1e-10)[0]
-    squared_residual = (left - laws @ fitted) ** 2
+    fitted = np.linalg.lstsq(laws, residual, rcond=1e-10)[0]
+    squared_residual = (residual - laws @ fitted) ** 2
     usual = float(squared_residual[moves].mean())
     variance = max(float(squared_residual[stands].mean()) - usual, 0.0)
     if variance <= 4.0 * usual:  # no more than twice as far off as moving rows
         return float(np.sqrt(variance)), False
-    return float(np.sqrt(variance * np.sum(share**2))), True
+    return float(np.sqrt(variance * np.sum(still_share**2))), True

@@ -130,9 +130,9 @@ def unsvec(vector: Array, d: int) -> Array:
     """Return the symmetric matrices (..., d, d) of svec vectors (..., d (d + 1) / 2),
     the inverse of :func:`svec`."""
     i, j, weight = triangle(d)
-    out = np.zeros((*vector.shape[:-1], d, d))
-    out[..., i, j] = out[..., j, i] = vector / weight
-    return out
+    matrices = np.zeros((*vector.shape[:-1], d, d))
+    matrices[..., i, j] = matrices[..., j, i] = vector / weight
+    return matrices
 
 
 CBF_NAMES = {"zero": "L=", "nonnegative": "L+", "soc": "Q", "exp": "EXP"}

@@ -109,16 +109,18 @@ class SdpProblem:
         dict
             Dual matrix or vector of each constraint, in loss per unit of F.
         """
-        out = {}
+        multipliers = {}
         for item in self.placed:
-            c = item.constraint
+            constraint = item.constraint
             T = item.scale
             multiplier = solution.z[item.rows] * self.loss_scale**2
-            if c.cone == "psd":
-                out[c] = T.T @ unsvec(multiplier, len(c.constant)) @ T
+            if constraint.cone == "psd":
+                multipliers[constraint] = (
+                    T.T @ unsvec(multiplier, len(constraint.constant)) @ T
+                )
             else:
-                out[c] = T * multiplier
-        return out
+                multipliers[constraint] = T * multiplier
+        return multipliers
 
     def shares(self, solution: Solution) -> Array:
         """Return each constraint's share in a proof of infeasibility, free of units.

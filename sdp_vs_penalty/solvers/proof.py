@@ -294,12 +294,12 @@ def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
     A matrix is V V^T with a V of doubles. The axis of a second-order cone is raised to
     the next doubles until the exact inequality holds. Others are clipped at zero.
     """
-    out = []
+    duals = []
     multipliers = constraints.entries.each(evidence.multipliers)
     for c, multiplier in zip(constraints.convex, multipliers, strict=True):
         if c.cone == "psd":
             symmetric = 0.5 * (multiplier + multiplier.T)
-            out.append(_gram(factor(symmetric[None])[0]))
+            duals.append(_gram(factor(symmetric[None])[0]))
         elif c.cone == "soc":
             across = [Fraction(float(x)) for x in multiplier[1:]]
             axis = Fraction(float(multiplier[0]))
@@ -307,10 +307,10 @@ def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
             while axis < 0 or axis * axis < square:
                 nearest = max(float(axis), math.sqrt(float(square)))
                 axis = Fraction(math.nextafter(nearest, math.inf))
-            out.append([_text(x) for x in (axis, *across)])
+            duals.append([_text(x) for x in (axis, *across)])
         else:
-            out.append(_texts(np.maximum(multiplier, 0.0)))
-    return out
+            duals.append(_texts(np.maximum(multiplier, 0.0)))
+    return duals
 
 
 def _gram(V: NDArray[np.floating]) -> list[str]:

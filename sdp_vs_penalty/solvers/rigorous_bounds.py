@@ -359,12 +359,12 @@ def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
         By the family's name, in its unit; zero if the violation is rounding of the
         evaluation.
     """
-    out = constraints.worst(theta)
-    for family in [family for family, violation in out.items() if violation > 0.0]:
+    largest = constraints.worst(theta)
+    for family in [family for family, violation in largest.items() if violation > 0.0]:
         convex = [c for c in constraints.convex if c.family == family]
         if convex and certainly_feasible(convex, theta):
-            out[family] = 0.0
-    return out
+            largest[family] = 0.0
+    return largest
 
 
 #: A margin above this share of the constraint's terms is no matter of rounding, of
