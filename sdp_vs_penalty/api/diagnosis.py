@@ -141,10 +141,10 @@ def diagnose_and_add(
     test_run = _read_runs(model, test, "test")
     judged = _read_runs(model, judged_recordings, "judged_recordings")
     if test_run is not None and _is_part_of(test_run, recording):
-        said = (
+        remark = (
             "the test run is a training run: parts of the training runs judge in turn"
         )
-        warnings.warn(f"{said}; record another one", Remark, stacklevel=6)
+        warnings.warn(f"{remark}; record another one", Remark, stacklevel=6)
         test_run = judged = None
     spans = _spans_named(issues, recording)
     spans_of_test: tuple[Span, ...] = ()

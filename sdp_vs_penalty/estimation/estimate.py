@@ -961,9 +961,11 @@ class Estimate(Record):
 def _given_intervals(
     intervals: Sequence[Interval], values: Sequence[float]
 ) -> tuple[Interval, ...]:
-    """Return the intervals of values that no data gave: they are not known, and none
-    where there were none."""
-    pairs = zip(intervals, values if intervals else (), strict=True)
+    """Return the intervals' names and units with values that no data gave: the standard
+    deviations are unknown. Without intervals there are none."""
+    if not intervals:
+        return ()
+    pairs = zip(intervals, values, strict=True)
     return tuple(Interval(old.name, old.unit, value) for old, value in pairs)
 
 

@@ -609,9 +609,8 @@ class _ShapeProfile:
             U, _ = column_space(np.delete(columns, k, axis=1))
             remaining = grid_columns - (grid_columns @ U) @ U.T
             products = remaining @ self.torque
-            if self.is_friction[
-                k
-            ]:  # a negative coefficient would push: it explains nothing
+            if self.is_friction[k]:
+                # With a negative coefficient it would push: it explains nothing.
                 products = np.maximum(products, 0.0)
             # Squared torque that each grid value explains.
             squared_norms = nonzero_or_one(np.sum(remaining**2, axis=1))

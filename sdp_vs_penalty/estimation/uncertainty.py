@@ -673,7 +673,12 @@ class LateUncertainty(Uncertainty):
         vars(self).update(_make=make, _lock=threading.Lock())
 
     def __getattr__(self, name: str) -> Any:
-        """Return an attribute that is not there yet: work all fields out first."""
+        """Return a field, for which all fields are worked out first.
+
+        Python asks here for attributes that the object does not have yet. The object
+        then becomes an Uncertainty, which has no such method. The lock lets one of
+        several threads do the work; the others wait for it.
+        """
         lock = vars(self).get("_lock")
         if lock is None:  # another thread has worked them out meanwhile
             return object.__getattribute__(self, name)

@@ -38,6 +38,8 @@ def link_bodies(
         Bounds of the centres of mass [m], infinite where open.
     nominal : (n, 10) array
         Standard parameters from the robot's file, zeros where it has none.
+    geometry : sequence, optional
+        Points and volume of each link's geometry, None for a link without any.
 
     Returns
     -------
@@ -51,33 +53,47 @@ def link_bodies(
         shape = None if geometry is None else geometry[k]
         ellipsoid = _uniform_ellipsoid(nominal[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
-        # What lies farther off is in other units, what is flat a mere marker.
-        if shape is not None and (
-            np.ptp(shape.points, axis=0).max() > c.LAYER
-            and np.linalg.norm(shape.points, axis=1).max() < largest
-        ):
-            cloud = shape.points
-            if ellipsoid is not None:
-                cloud = np.concatenate([shape.points, ellipsoid])
-            volume = shape.volume if shape.volume > 0.0 else None
-            body = around(cloud, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume)
+        if shape is not None and _is_usable(shape, largest):
+            body = _body_of_geometry(shape, ellipsoid)
         elif np.all(np.isfinite(corners)):
             places = np.concatenate([corners, joint_places(robot, k)])
             radius = max(c.RADIUS_SHARE * reach[k], c.LEAST_RADIUS)
             body = around(balls(places, radius), "bounds")
         elif ellipsoid is not None:
-            centre = ellipsoid.mean(axis=0)
-            enlarged = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
-            # Points around each joint and each end, since a body is nowhere thinner than that.
-            near_points = balls(
-                np.concatenate([joint_places(robot, k), ellipsoid]), c.LEAST_RADIUS
-            )
-            body = around(np.concatenate([enlarged, near_points]), "inertial")
+            body = _body_of_inertial(ellipsoid, joint_places(robot, k))
         else:
             radius = max(reach[k], c.DEFAULT_RADIUS)
             body = around(balls(joint_places(robot, k), radius), "kinematics")
         bodies.append(body)
     return tuple(bodies)
+
+
+def _is_usable(shape: Geometry, largest: float) -> bool:
+    """Return whether a link's geometry can hold its mass: what lies farther off than
+    ``largest`` [m] is in other units, what is flat is a mere marker."""
+    extent = np.ptp(shape.points, axis=0).max()
+    distance = np.linalg.norm(shape.points, axis=1).max()
+    return bool(extent > c.LAYER and distance < largest)
+
+
+def _body_of_geometry(shape: Geometry, ellipsoid: Array | None) -> Body:
+    """Return the body around a link's geometry, and around the points (m, 3) [m] of the
+    ellipsoid that its nominal inertial has, if there is one."""
+    points = shape.points
+    if ellipsoid is not None:
+        points = np.concatenate([points, ellipsoid])
+    volume = shape.volume if shape.volume > 0.0 else None
+    return around(points, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume)
+
+
+def _body_of_inertial(ellipsoid: Array, joints: Array) -> Body:
+    """Return the body around the enlarged ellipsoid of a link's nominal inertial, points
+    (m, 3) [m], and around balls at its joints (k, 3) and at the ellipsoid's ends, since a
+    body is nowhere thinner than these."""
+    centre = ellipsoid.mean(axis=0)
+    enlarged = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
+    near_points = balls(np.concatenate([joints, ellipsoid]), c.LEAST_RADIUS)
+    return around(np.concatenate([enlarged, near_points]), "inertial")
 
 
 def joint_places(robot: Robot, link: int) -> Array:

@@ -214,30 +214,41 @@ def cbf_text(problem: ConicProblem) -> str:
 
 def _cbf_coefficients(problem: ConicProblem, order: Indices) -> list[str]:
     """Return the coefficients of a .cbf file in CBF's order: those of the objective, of
-    matrices (H, D), and of the other rows (A, B)."""
+    matrices (H, D), and of the other rows (A, B).
+
+    CBF holds b - A x. ``order`` are the numbers of the rows that are no matrix's.
+    """
     is_psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
     # Row r of the problem is entry (i[r], j[r]) of cone block[r], times factor[r].
     block, i, j, factor = svec_entries(problem.cones)
-    number = np.cumsum(is_psd) - 1  # of a psd cone among the psd cones
-    matrix = scipy.sparse.csr_matrix(-problem.A)
+    matrix_number = (np.cumsum(is_psd) - 1)[block]  # among the matrices, by row
+    minus_A = scipy.sparse.csr_matrix(-problem.A)
+    b = problem.b
     psd_rows = np.flatnonzero(is_psd[block])
-    lines = _section("OBJACOORD", *_nonzero(problem.q))
-    of_psd = matrix[psd_rows].tocoo()
-    r = psd_rows[of_psd.row]
-    values = of_psd.data * factor[r]
-    lines += _section("HCOORD", number[block[r]], of_psd.col, j[r], i[r], values)
-    others = matrix[order].tocoo()
-    lines += _section("ACOORD", others.row, others.col, others.data)
-    lines += _section("BCOORD", *_nonzero(problem.b[order]))
-    constant = psd_rows[problem.b[psd_rows] != 0.0]
-    lines += _section(
-        "DCOORD",
-        number[block[constant]],
-        j[constant],
-        i[constant],
-        problem.b[constant] * factor[constant],
-    )
-    return lines
+    of_matrices = minus_A[psd_rows].tocoo()
+    r = psd_rows[of_matrices.row]
+    of_others = minus_A[order].tocoo()
+    with_constant = psd_rows[b[psd_rows] != 0.0]
+    return [
+        *_section("OBJACOORD", *_nonzero(problem.q)),
+        *_section(
+            "HCOORD",
+            matrix_number[r],
+            of_matrices.col,
+            j[r],
+            i[r],
+            of_matrices.data * factor[r],
+        ),
+        *_section("ACOORD", of_others.row, of_others.col, of_others.data),
+        *_section("BCOORD", *_nonzero(b[order])),
+        *_section(
+            "DCOORD",
+            matrix_number[with_constant],
+            j[with_constant],
+            i[with_constant],
+            b[with_constant] * factor[with_constant],
+        ),
+    ]
 
 
 def _nonzero(values: Any) -> tuple[Any, Any]:

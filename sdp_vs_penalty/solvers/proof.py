@@ -322,10 +322,11 @@ def _gram(V: NDArray[np.floating]) -> list[str]:
 def _polished(
     exact: dict[str, Any], evidence: DualEvidence, bound: Array
 ) -> list[Fraction]:
-    """Return y (r,) after exact corrections of the dual slope.
+    """Return y (r,) of a typed proof after exact corrections of the dual slope.
 
     y is shifted until no slope is left in directions of theta that the data determine.
     The lower bound is then tight, since a slope that is left costs |slope| times bound.
+    ``exact`` is the proof with Fractions for numbers; its "y" is replaced as well.
     """
     for _ in range(CORRECTIONS):
         _, slope = verify_proof.dual_bound(exact)
