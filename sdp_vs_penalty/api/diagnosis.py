@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -138,8 +139,9 @@ def diagnose_and_add(
             gate_of(check, model.problem, measurements, stacklevel=6),
         )
         give_back_memory(recording.samples)
-    test_run = _read_runs(model, test, "test")
-    judged = _read_runs(model, judged_recordings, "judged_recordings")
+    read_beside = partial(_read_runs, model, recording)
+    test_run = read_beside(test, "test")
+    judged = read_beside(judged_recordings, "judged_recordings")
     if test_run is not None and _is_part_of(test_run, recording):
         remark = (
             "the test run is a training run: parts of the training runs judge in turn"
@@ -158,7 +160,7 @@ def diagnose_and_add(
         frozen=frozen,
         seed=seed,
         progress=progress,
-        noise_from=_read_runs(model, noise_from, "noise_from"),
+        noise_from=read_beside(noise_from, "noise_from"),
         judged_recordings=judged,
         left_out=spans,
         left_out_of_test=spans_of_test,
@@ -243,15 +245,21 @@ def _states(diagnosis: Diagnosis, issue: Issue) -> bool:
     )
 
 
-def _read_runs(model: Estimate, source: Source, argument: str) -> Measurements | None:
-    """Read recordings of the model's robot; None stays None.
+def _read_runs(
+    model: Estimate, recording: Measurements, source: Source, argument: str
+) -> Measurements | None:
+    """Read recordings of the model's robot by what ``recording`` has told of its recorder;
+    None stays None.
 
     ``argument`` is the name of the argument of `diagnose`, for error messages.
     """
     if source is None:
         return None
     return as_measurements(
-        source, names=model.problem.channel_names, what=f"diagnose({argument}=...)"
+        source,
+        names=model.problem.channel_names,
+        what=f"diagnose({argument}=...)",
+        recorders=recording.recorders,
     )
 
 

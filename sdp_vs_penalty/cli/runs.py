@@ -8,11 +8,17 @@ from typing import TYPE_CHECKING
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.cli import console
-from sdp_vs_penalty.data.files import load_measurements, run_files, windowed
+from sdp_vs_penalty.data.files import (
+    as_measurements,
+    load_measurements,
+    run_files,
+    windowed,
+)
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
 from sdp_vs_penalty.data.recorded import NamedRuns as NamedRuns
+from sdp_vs_penalty.data.recorder import Recorder
 from sdp_vs_penalty.errors import InputError, MissingJoints, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
@@ -204,11 +210,12 @@ def runs_for(
         if len(files) > 1:
             console.warn(f"{folder}: judged on {formatting.words(files)}")
 
-    def loaded(named: NamedRuns) -> Measurements:
-        runs = load_measurements(
-            *named.files,
+    def loaded(named: NamedRuns, recorders: Sequence[Recorder] = ()) -> Measurements:
+        runs = as_measurements(
+            [*named.files],
             names=estimate.problem.channel_names,
             as_written=named.as_written,
+            recorders=recorders,
         )
         estimate.require_joints(runs, runs.names[0])
         check_plausible(robot, runs)
@@ -217,7 +224,7 @@ def runs_for(
     measured = loaded(data)
     if test is None:
         return Runs(windowed(measured, train), None, measured, measured)
-    tested = loaded(test)
+    tested = loaded(test, measured.recorders)
     if tested.data_hash in {run.data_hash for run in measured.runs()}:
         all_runs = measured
     else:

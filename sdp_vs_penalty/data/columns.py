@@ -20,6 +20,7 @@ from sdp_vs_penalty.data.hypotheses.channels import (
 )
 from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.measurements import COMMANDED
+from sdp_vs_penalty.data.recorder import Recorder
 from sdp_vs_penalty.data.words.tokens import brief_names, group_of, parts_of
 from sdp_vs_penalty.errors import InputError
 
@@ -54,8 +55,20 @@ class Choice:
     options: Sequence[str] = ()
     #: Whether names mean what they say, and ours mean SI, whatever values and arm tell.
     as_written: bool = False
-    #: Unit of positions that the arm has told of another run of the same recorder.
-    unit_of_others: str = ""
+    #: What the arm has told of other logs, by their columns.
+    recorders: Sequence[Recorder] = ()
+
+    @property
+    def recorder(self) -> Recorder:
+        """What is known of the log's recorder, once the log is known: see `for_columns`."""
+        return next(iter(self.recorders), Recorder())
+
+    def for_columns(self, names: Sequence[str]) -> Choice:
+        """Return the choice with what is known of the recorder that writes such columns;
+        nothing where the user states what columns are."""
+        is_stated = self.as_written or self.rename or self.scale
+        recorders = [x for x in self.recorders if x.columns == tuple(names)]
+        return replace(self, recorders=() if is_stated else tuple(recorders))
 
     @property
     def n_logged(self) -> int:

@@ -5,7 +5,7 @@ import glob
 import os
 import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -24,8 +24,10 @@ from sdp_vs_penalty.data.measurements import (
     without_traces,
 )
 from sdp_vs_penalty.data.reading import run_of
+from sdp_vs_penalty.data.recorder import Recorder
 from sdp_vs_penalty.data.store import iter_chunks
 from sdp_vs_penalty.data.stretches.gaps import is_set_back
+from sdp_vs_penalty.data.together import read_by_recorder, require_runs
 from sdp_vs_penalty.errors import (
     InputError,
     MissingJoints,
@@ -108,6 +110,7 @@ def as_measurements(
     *,
     usable: bool = True,
     as_written: bool = False,
+    recorders: Sequence[Recorder] = (),
 ) -> Measurements:
     """Make measurements of what a caller passes: paths, arrays, tables, or a list of
     these.
@@ -128,6 +131,8 @@ def as_measurements(
         The data check, which reports such faults itself, sets False.
     as_written : bool
         Whether names of files mean what they say, whatever values and arm tell.
+    recorders : Sequence[Recorder]
+        What the arm has told of other runs: their ``recorders``.
 
     Raises
     ------
@@ -142,27 +147,14 @@ def as_measurements(
     if not sources:
         raise InputError("no run is given", "pass at least one", what)
 
-    def read(place: int, unit: str) -> Measurements:
+    def read(place: int, told: Sequence[Recorder]) -> Measurements:
         part, number = sources[place], place + 1
-        return _one(part, joints, names, what, number, usable, as_written, unit)
+        return _one(part, joints, names, what, number, usable, as_written, told)
 
-    runs = read_in_one_unit(read, len(sources))
+    runs = require_runs(read_by_recorder(read, len(sources), recorders))
     if usable and len(runs) > 1:
         _refuse_repeated_runs(sources, runs)
     return concatenate(runs)
-
-
-def read_in_one_unit(
-    read: Callable[[int, str], Measurements], n_runs: int
-) -> list[Measurements]:
-    """Read runs by their place (from 0); those of whose positions the arm tells no unit
-    are read again by the unit that it tells of others, for one recorder wrote them."""
-    runs = [read(place, "") for place in range(n_runs)]
-    units = {run.unit_by_arm for run in runs} - {""}
-    if len(units) != 1:
-        return runs
-    (unit,) = units
-    return [run if run.unit_by_arm else read(k, unit) for k, run in enumerate(runs)]
 
 
 def _refuse_repeated_runs(sources: Sequence[Any], runs: Sequence[Measurements]) -> None:
@@ -186,7 +178,7 @@ def _one(
     number: int,
     usable: bool,
     as_written: bool,
-    unit_of_others: str,
+    recorders: Sequence[Recorder],
 ) -> Measurements:
     """Make the measurements of one source: a path, Measurements, or a mapping or
     DataFrame of columns.
@@ -194,14 +186,14 @@ def _one(
     ``joints`` is the expected number of joints, ``names`` are the robot's joint names
     in order. Messages call the argument ``what``, and the source has its ``number``
     (from 1) among those that a caller passes for a name. ``usable`` refuses a run with
-    a clock that does not ascend, or numbers that are not finite. ``unit_of_others`` is
-    the unit of positions that the arm has told of other runs.
+    a clock that does not ascend, or numbers that are not finite. ``recorders``
+    is what the arm has told of other runs.
     """
     if isinstance(part, Measurements):
         run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
         run_read = read_run(
-            part, joints, names, as_written=as_written, unit_of_others=unit_of_others
+            part, joints, names, as_written=as_written, recorders=recorders
         )
     else:
         from sdp_vs_penalty.data.formats.memory import log_in_memory
@@ -216,7 +208,7 @@ def _one(
                 "no measurements", remedy, what.replace("...", quote_value(part))
             )
         _refuse_transposed(part, log.names, what)
-        choice = Choice(as_written=as_written, unit_of_others=unit_of_others)
+        choice = Choice(as_written=as_written, recorders=recorders)
         run_read = _of_robot(run_of(log, choice), joints, names or (), what)
     # Each run is checked, unless the caller reports faults by itself.
     for run in run_read.runs() if usable else ():

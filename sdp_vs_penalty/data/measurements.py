@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.recorder import Recorder
 from sdp_vs_penalty.data.store import PART, concatenate_chunks, digest, iter_chunks
 from sdp_vs_penalty.data.stretches import recorded_seconds, rows_behind_pauses
 from sdp_vs_penalty.errors import InputError
@@ -96,8 +97,9 @@ class Measurements(Shown):
     unit_command : str
         The `convert` command that says the unit of q, with UNIT for it, of a log whose
         names do not; "" where they do.
-    unit_by_arm : str
-        Unit of q that the arm's torques have told, "" where they have told none.
+    recorders : tuple of Recorder
+        What the arm's torques have told of the logs, of each once: unit of q, order of
+        columns, sign bits.
     gains_by_size : bool
         Whether ``tau`` is in N m by gains that fit the robot's masses, and that nobody has
         stated.
@@ -121,7 +123,7 @@ class Measurements(Shown):
     torque_unit: str = ""
     reading: str = ""
     unit_command: str = ""
-    unit_by_arm: str = ""
+    recorders: tuple[Recorder, ...] = ()
     gains_by_size: bool = False
     file_rows: NDArray[np.int64] | None = None
     episode: NDArray[np.int64] | None = None
@@ -533,6 +535,7 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         episode=episode,
         reading=" ".join(sentences),
         unit_command=asked,
+        recorders=tuple(dict.fromkeys(x for run in several for x in run.recorders)),
         gains_by_size=any(run.gains_by_size for run in runs),
     )
     if not any(part._cut_from for part in several):

@@ -16,6 +16,7 @@ from sdp_vs_penalty.data.columns import Choice, channels_of, with_counter
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.measurements import Measurements, columns_of
+from sdp_vs_penalty.data.recorder import Recorder
 from sdp_vs_penalty.data.values import run_of_columns
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.errors import ColumnsRemark, InputError
@@ -50,8 +51,14 @@ def run_of(log: Log, choice: Choice | None = None) -> Measurements:
     InputError
         A channel that is missing, or columns that do not fit together.
     """
-    choice = choice or Choice()
+    choice = (choice or Choice()).for_columns(log.names)
+    columns = tuple(log.names)
     log, run, recognition = run_and_reading(log, choice)
+    if not (choice.as_written or choice.rename or choice.scale):
+        recorder = _recorder(columns, run, recognition)
+        if recorder == choice.recorder:  # another log has told it
+            recorder = choice.recorder
+        run = replace(run, recorders=(recorder,))
     n = choice.n_logged
     of_first_joints = ""
     if run.n == n + 1 > 1 and not (run.joint_names or choice.is_of_motors):
@@ -71,14 +78,26 @@ def run_of(log: Log, choice: Choice | None = None) -> Measurements:
         said, _rows_shown(run, recognition.rename), recognition.rename, others
     )
     warnings.warn(remark, stacklevel=2)
-    run = replace(
-        run, reading=f"{log.path.name}: {sentence}", unit_by_arm=recognition.unit_by_arm
-    )
+    run = replace(run, reading=f"{log.path.name}: {sentence}")
     is_asked = (
         "q" in recognition.unsaid and not recognition.is_of_arm
     ) or recognition.is_possible
     asked = _asking_command(log, recognition, choice) if is_asked else ""
     return replace(run, unit_command=of_first_joints or asked)
+
+
+def _recorder(
+    columns: tuple[str, ...], run: Measurements, recognition: Recognition
+) -> Recorder:
+    """Return what the arm has told of a log that is so for others of its recorder."""
+    order = recognition.rename.items() if recognition.is_confirmed else ()
+    return Recorder(
+        columns,
+        recognition.unit_by_arm,
+        tuple(order),
+        recognition.has_sign_bit,
+        run.names[0],
+    )
 
 
 def _command_of_first_joints(
@@ -119,6 +138,7 @@ def run_and_reading(log: Log, choice: Choice) -> tuple[Log, Measurements, Recogn
     recognition = _with_stated_units(log, recognition, choice)
     if choice.as_written and recognition.unless_confirmed is not None:
         raise recognition.unless_confirmed
+    recognition = _in_order_of_recorder(recognition, choice.recorder)
     if recognition.others:
         recognition = _confirmed_order(log, recognition, choice)
     refusal = recognition.unless_confirmed
@@ -193,6 +213,19 @@ def _follows_positions(run: Measurements) -> bool:
         return False
     apart = np.sqrt(np.mean((run.dq - run.q) ** 2, axis=0))
     return bool(np.all(apart < _FOLLOWS * np.std(run.q, axis=0)))
+
+
+def _in_order_of_recorder(recognition: Recognition, recorder: Recorder) -> Recognition:
+    """Return the order of columns that the arm has confirmed in another log of the recorder,
+    where the values allow it."""
+    if recognition.unless_confirmed is None or not recorder.order:
+        return recognition
+    for order in (recognition, *recognition.others):
+        if order.rename == dict(recorder.order):
+            sentence = f"the columns of {recorder.run}, of which the arm tells it"
+            order = replace(order, unless_confirmed=None, others=(), is_confirmed=True)
+            return order.with_sentences(sentence)
+    return recognition
 
 
 def _confirmed_order(log: Log, recognition: Recognition, choice: Choice) -> Recognition:

@@ -451,7 +451,7 @@ def _as_the_arm_says(draft: Draft) -> Draft:
     robot = draft.robot
     if robot is None and len(draft.rival_torques) < 2:
         return draft
-    is_open = not recognition.is_identity or bool(draft.choice.unit_of_others)
+    is_open = not recognition.is_identity or draft.choice.recorder.is_told
     first_torques = draft.blocks["tau"][: len(draft.t) // 10 + 1]
     is_open |= not np.any(first_torques < 0.0)  # a register's sign
     if robot and not is_open and not far_outside(robot, q):

@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,8 @@ from sdp_vs_penalty.data.joined import files_of_run, joined_log
 from sdp_vs_penalty.data.measurements import Measurements, Runs, columns_of, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_torque, find_idle_joints
+from sdp_vs_penalty.data.recorder import Recorder
+from sdp_vs_penalty.data.together import read_by_recorder
 from sdp_vs_penalty.data.words.names import quantity_of
 from sdp_vs_penalty.data.words.tokens import split_tokens
 from sdp_vs_penalty.diagnosis.adding import add
@@ -100,7 +102,7 @@ from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.ranges.table import find_ranges
-from sdp_vs_penalty.records import to_json
+from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render import tables, words
 from sdp_vs_penalty.render.arms import binary_stl, drawn_arm, simplified
 from sdp_vs_penalty.render.charts import POINTS, spread_rows
@@ -269,6 +271,34 @@ def _by_use(
         yield side, windowed(part, windows)
 
 
+@dataclass
+class _Reading:
+    """One dropped file, as it was read last."""
+
+    #: Path of the file, or of the files that hold one run together.
+    path: Path
+    #: Names of its columns.
+    columns: list[str] = field(default_factory=list)
+    #: Options of `convert` with which it was read.
+    options: dict[str, str] = field(default_factory=dict)
+    #: What the reader remarked, each once.
+    remarks: list[Remark] = field(default_factory=list)
+
+    def load(
+        self, job: JobRequest, problem: Problem, recorders: Sequence[Recorder]
+    ) -> Measurements:
+        """Load the run, by what the arm has told of others."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", Remark)
+            self.columns = _names_of_columns(self.path)
+            assigned = job["assigned"].get(json.dumps(self.columns), {})
+            self.options = {**assigned, **job["options"]}
+            part = _load_run(self.options, problem, self.path, recorders)
+        each_once = {str(x.message): x.message for x in caught}.values()
+        self.remarks = [x for x in each_once if isinstance(x, Remark)]
+        return part
+
+
 def read(job: JobRequest) -> Answer:
     """Read the files that a person dropped; keep each usable one as a run.
 
@@ -293,25 +323,41 @@ def read(job: JobRequest) -> Answer:
     remarks = list[str]()
     mappings = list[Answer]()
     there = {*job["taken"], *(run["name"] for run in job["runs"])}
-    for file in _joined(job["files"]):
-        name = file["name"] = name_beside(file["name"], there)
-        there.add(name)
-        job.progress(f"reading {name}, and what its columns are")
-        path = Path(file["path"])
-        how = dict[str, str]()
+    files = _joined(job["files"])
+    readings = [_Reading(Path(file["path"])) for file in files]
+    for file in files:
+        file["name"] = name_beside(file["name"], there)
+        there.add(file["name"])
+
+    def load(place: int, recorders: Sequence[Recorder]) -> Measurements:
+        job.progress(f"reading {files[place]['name']}, and what its columns are")
+        part = readings[place].load(job, state.problem, recorders)
+        name = files[place]["name"]
+        told = tuple(
+            replace(x, run=name) if x.run == part.names[0] else x
+            for x in part.recorders
+        )
+        return replace(part, names=(name,), recorders=told)
+
+    known = [
+        from_json(Recorder, x) for run in job["runs"] for x in run.get("recorders", ())
+    ]
+    with warnings.catch_warnings(record=True) as contradictions:
+        warnings.simplefilter("always", Remark)
+        outcomes = read_by_recorder(load, len(files), known)
+    remarks += [str(x.message) for x in contradictions]
+    for file, reading, outcome in zip(files, readings, outcomes, strict=True):
+        name, path = file["name"], reading.path
         try:
-            with warnings.catch_warnings(record=True) as heard:
-                warnings.simplefilter("always", Remark)
-                names = _names_of_columns(path)
-                how = {**job["assigned"].get(json.dumps(names), {}), **job["options"]}
-                try:
-                    part = _load_run(how, state.problem, path)
-                except MissingJoints as error:
-                    state = _holding(state, dict.fromkeys(error.joints, 0.0), remarks)
-                    part = _load_run(how, state.problem, path)
-            each_once = {str(w.message): w.message for w in heard}.values()
-            said = [remark for remark in each_once if isinstance(remark, Remark)]
-            remarks += filter(None, map(_news_of, said))
+            if isinstance(outcome, MissingJoints):
+                state = _holding(state, dict.fromkeys(outcome.joints, 0.0), remarks)
+                part = reading.load(job, state.problem, known)
+            elif isinstance(outcome, InputError):
+                raise outcome
+            else:
+                part = outcome
+            how, names = reading.options, reading.columns
+            remarks += filter(None, map(_news_of, reading.remarks))
             if "scale" in how:
                 remarks.append(f"{name}: read in the units of runs like it.")
             by_size = "scale" in how and _has_gains_by_size(job, names)
@@ -325,11 +371,12 @@ def read(job: JobRequest) -> Answer:
                     "in_commands": f"{Path(name).stem}_read.csv" if how else name,
                     "columns": names,
                     "stated": "scale" in how,
+                    "recorders": to_json(part.recorders),
                     "rougher": _rougher_block(path, how.get("rename", ""), names),
                 }
             )
             read_so.append({"file": name, "options": how})
-            for taken in said:
+            for taken in reading.remarks:
                 columns = isinstance(taken, ColumnsRemark) and _columns_of(
                     path, state.problem, taken
                 )
@@ -343,7 +390,9 @@ def read(job: JobRequest) -> Answer:
                 continue
             # The form below says what to do, unless it was filled in and refused.
             reason = formatting.sentence(f"{error.where or name}: {error.what}")
-            if tried := _columns_tried(how.get("rename", ""), columns["columns"]):
+            if tried := _columns_tried(
+                reading.options.get("rename", ""), columns["columns"]
+            ):
                 columns["tried"] = columns["chosen"] = {**columns["chosen"], **tried}
                 reason = error.without_command
             mappings.append({**file, **columns, "reason": reason, "run": ""})
@@ -449,12 +498,14 @@ def _names_of_columns(path: Path) -> list[str]:
 def _kept_of(run: Mapping[str, Any]) -> Answer:
     """Return what stays in the record of a run, whatever is done to its samples: its use,
     what commands call its file, the columns of that, whether a person has stated its
-    units, and the columns that are rougher than its torque."""
+    units, what the arm has told of its recorder, and the columns that are rougher than its
+    torque."""
     return {
         "use": run["use"],
         "in_commands": run["in_commands"],
         "columns": run.get("columns", []),  # older projects have none
         "stated": bool(run.get("stated")),
+        "recorders": run.get("recorders", []),
         "rougher": run.get("rougher", ""),
     }
 
@@ -812,8 +863,14 @@ def _guessed(
     return known
 
 
-def _load_run(options: Mapping[str, str], problem: Problem, path: Path) -> Measurements:
-    """Load a run from a file, converting it if the person set any option of `convert`.
+def _load_run(
+    options: Mapping[str, str],
+    problem: Problem,
+    path: Path,
+    recorders: Sequence[Recorder] = (),
+) -> Measurements:
+    """Load a run from a file by what the arm has told of others, converting it if the person
+    set any option of `convert`.
 
     Its rows need not be usable: the check says what is wrong with them, and repairs it.
 
@@ -821,7 +878,7 @@ def _load_run(options: Mapping[str, str], problem: Problem, path: Path) -> Measu
     """
     names = problem.channel_names
     if not options:
-        part = read_run(path, problem.robot.n, names)
+        part = read_run(path, problem.robot.n, names, recorders=recorders)
     else:
         part = convert(
             path,

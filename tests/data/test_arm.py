@@ -8,7 +8,6 @@ import warnings
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import Problem, convert, load_measurements
 from sdp_vs_penalty.data import read_run
-from sdp_vs_penalty.data.files import as_measurements, read_in_one_unit
+from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.data.hypotheses import by_arm
 from sdp_vs_penalty.data.hypotheses.arm import ChannelFit
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
@@ -594,36 +593,6 @@ def test_whole_runs_called_by_the_joints_stay_runs(two_link, tmp_path):
     assert len(runs) == 2
     for got, name in zip(runs, sorted(names), strict=True):
         np.testing.assert_allclose(got.q, motions[names.index(name)].q)
-
-
-def test_runs_of_one_recorder_are_in_one_unit(tmp_path):
-    """Alone the torques of the second one, with much noise, tell nothing for certain."""
-    problem = limited_arm(tmp_path)
-    motion = small_run(problem, seconds=8.0)
-    noise = np.random.default_rng(1).normal(0.0, 0.35, motion.tau.shape)
-    noisy = motion.tau + noise * np.std(motion.tau, axis=0)
-    columns = {"time": motion.t, "pos": np.degrees(motion.q)}
-    first = table(tmp_path / "a.csv", **columns, trq=motion.tau)
-    second = table(tmp_path / "b.csv", **columns, trq=noisy)
-    alone, _ = reading(second, problem)
-    np.testing.assert_allclose(alone.q, np.degrees(motion.q))
-    for files in ([first, second], [second, first]):
-        together = as_measurements(files, names=problem.channel_names)
-        for run in together.runs():
-            np.testing.assert_allclose(run.q, motion.q)
-
-
-@pytest.mark.parametrize("told", [("", ""), ("deg", "mrad", "")])
-def test_units_that_contradict_each_other_are_no_recorder_s(told):
-    """Nor is one told of others where the arm tells none."""
-    asked = []
-
-    def read_one(place, unit):
-        asked.append(unit)
-        return SimpleNamespace(unit_by_arm=told[place])
-
-    read_in_one_unit(read_one, len(told))
-    assert asked == [""] * len(told)
 
 
 def test_torques_that_no_arm_explains_confirm_no_columns(tmp_path):

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from arms import THREE, write_urdf
+from arms import ELBOW, SHOULDER, THREE, TURN, write_urdf
 from page_sessions import Here, Screen, do, finish, numbers, opened, saved
 from recorded import refusal
 from small_runs import small_run
@@ -995,6 +995,31 @@ def test_what_a_reader_assumes_is_said_once(here, hidden, tmp_path, recwarn):
     (said,) = s.notice.texts
     assert said.endswith("run.csv: 1 repeated header left out.")
     assert not recwarn
+
+
+def test_the_clearest_of_dropped_logs_tells_the_unit_of_all(here, tmp_path):
+    """One that is dropped later too; and a name is the one that the person knows."""
+    arm = write_urdf(tmp_path / "arm.urdf", "arm", (TURN, SHOULDER, ELBOW))
+    run = small_run(load_problem(arm), seconds=8.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.35, (2, *run.tau.shape))
+    torques = [run.tau, *(run.tau + noise * np.std(run.tau, axis=0))]
+    header = "time,pos1,pos2,pos3,trq1,trq2,trq3"
+    paths = {}
+    for name, tau in zip(("c.csv", "b.csv", "a.csv"), torques, strict=True):
+        table = np.column_stack([run.t, np.degrees(run.q), tau])
+        paths[name] = tmp_path / name
+        np.savetxt(paths[name], table, "%.9g", ",", header=header, comments="")
+    later = paths.pop("a.csv")
+    s = opened(here, str(arm), **{name: paths[name] for name in ("b.csv", "c.csv")})
+    s.arrived["a.csv"] = later
+    do(s, s.read_files)
+    assert len(s.runs) == 3
+    for stored in s.runs:
+        got = load_measurements(s.folder / stored["file"])
+        np.testing.assert_allclose(got.q, run.q, atol=1e-6)
+    texts = " ".join(s.notice.texts)
+    assert "a.csv: columns" in texts
+    assert "as the arm tells of c.csv" in texts
 
 
 def wide_table(run):

@@ -114,18 +114,20 @@ def _read_and_check(
     """
     from sdp_vs_penalty.checks import check_runs
     from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
-    from sdp_vs_penalty.data.files import read_in_one_unit, read_run
+    from sdp_vs_penalty.data.files import read_run
     from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.data.recorder import Recorder
+    from sdp_vs_penalty.data.together import read_by_recorder, require_runs
 
     def read(robot: Problem) -> list[Measurements]:
         joints, n = robot.channel_names, robot.robot.n
 
-        def read_one(place: int, unit: str) -> Measurements:
+        def read_one(place: int, told: Sequence[Recorder]) -> Measurements:
             return read_run(
-                files[place], n, joints, as_written=as_written, unit_of_others=unit
+                files[place], n, joints, as_written=as_written, recorders=told
             )
 
-        return read_in_one_unit(read_one, len(files))
+        return require_runs(read_by_recorder(read_one, len(files)))
 
     with console.progress("checking") as progress:
         robot, measured, hold = read_and_hold(

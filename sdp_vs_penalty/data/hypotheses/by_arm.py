@@ -36,6 +36,7 @@ from sdp_vs_penalty.data.plausibility import (
     is_in_ranges,
     radians_per_percent,
 )
+from sdp_vs_penalty.data.recorder import Recorder
 from sdp_vs_penalty.data.stretches.gaps import stray_rows
 from sdp_vs_penalty.data.words.tokens import group_of
 from sdp_vs_penalty.data.words.units import (
@@ -137,31 +138,34 @@ def with_unit_of_positions(
     robot: Robot,
     fit: Fit,
     apart: Fit,
-    of_others: str = "",
+    recorder: Recorder = Recorder(),  # noqa: B008 (a frozen record)
 ) -> tuple[Recognition, dict[str, Array]]:
     """Decide the unit of positions where it is open and one unit is certain; propose a
     unit, or gears, where it is not certain and positions are impossible as radians.
 
     The joints' ranges, what the arm leaves of the torques, and how usual a unit is decide.
     ``apart`` fits each joint's torque in a unit of its own.
-    ``of_others`` : the unit that the arm has told of another run of the same recorder.
+    ``recorder`` : a unit that the arm has told of another log holds, unless values allow
+    another one only.
     """
     q, tau = blocks["q"], blocks["tau"]
     is_impossible = bool(far_outside(robot, q))
-    if not _is_unit_open(recognition, robot, q, is_impossible or bool(of_others)):
+    if not _is_unit_open(recognition, robot, q, is_impossible or bool(recorder.unit)):
         return recognition, blocks
     register, bit = signed_register(tau)
     torques = [tau, register] if bit else [tau]
     is_of_servo = (
         "q" in recognition.units
     )  # degrees or per cent: other units close the question
-    weighed = _weighed_units(robot, q, torques, fit, is_of_servo, of_others)
+    weighed = _weighed_units(robot, q, torques, fit, is_of_servo, recorder.unit)
     if not weighed:
         return recognition, blocks
     *other_weights, largest = sorted(weight for weight, _, _ in weighed)
     _, of_best, best = max(weighed, key=lambda x: x[0])
     is_explained = min(x.share for _, x, _ in weighed) <= EXPLAINS_NONE
-    if np.all(best.scale == 1.0) or not (is_explained or is_impossible):
+    is_of_recorder = best.words == recorder.unit
+    is_open = is_explained or is_impossible or is_of_recorder
+    if np.all(best.scale == 1.0) or not is_open:
         return recognition, blocks
     turning = _revolute(robot)
     lengths = np.delete(best.scale, turning)
@@ -169,9 +173,12 @@ def with_unit_of_positions(
     why = f"the arm leaves {formatting.percent(of_best.share, 2)} of the torques"
     if is_impossible:  # the same in all runs, so that it is said once
         why = "as radians they leave the joints' ranges"
+    if is_of_recorder:
+        why = f"as the arm tells of {recorder.run}, with the same columns"
+        return _in_certain_unit(recognition, blocks, best, of_best.size, words, why)
     odds_of_gears = 0.0
     has_other_angles = np.any(best.scale[turning] != 1.0)
-    if is_explained and has_other_angles and best.words != of_others:
+    if is_explained and has_other_angles:
         odds_of_gears = _odds_of_gears(best, of_best.share, q, torques, fit, turning)
     is_far_likelier = not other_weights or largest >= CERTAIN * other_weights[-1]
     is_certain = is_explained and is_far_likelier and odds_of_gears <= 1.0
@@ -465,7 +472,7 @@ def _weighed_units(
     torques: Sequence[Array],
     fit: Fit,
     is_of_servo: bool,
-    of_others: str = "",
+    unit_of_others: str = "",
 ) -> list[tuple[float, ChannelFit, _Unit]]:
     """List the units in which positions (N, n) may be, each with its weight and with the
     fit to those of several torques that the arm explains best in it.
@@ -473,27 +480,31 @@ def _weighed_units(
     Ranges and use alone make the weights where the arm explains the torques in no unit.
     """
     fitted = list[tuple[ChannelFit, _Unit]]()
-    for unit in _units(robot, q, is_of_servo):
+    for unit in _units(robot, q, is_of_servo, unit_of_others):
         fits = (fit(unit.in_si(q), x) for x in torques)
         of_unit = min(filter(None, fits), key=lambda x: x.share, default=_NO_FIT)
-        prior = unit.prior * (CERTAIN if unit.words == of_others else 1.0)
+        prior = unit.prior * (CERTAIN if unit.words == unit_of_others else 1.0)
         fitted.append((of_unit, replace(unit, prior=prior)))
     is_explained = any(x.share <= EXPLAINS_NONE for x, _ in fitted)
     powers = N_PARTS if is_explained else 0
     return [(unit.prior * x.share**-powers, x, unit) for x, unit in fitted]
 
 
-def _units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
+def _units(
+    robot: Robot, q: Array, is_of_servo: bool, unit_of_others: str
+) -> Iterator[_Unit]:
     """Yield the units in which positions (N, n) may be for the joints' ranges, each with
     its prior."""
-    for unit in _usual_units(robot, q, is_of_servo):
+    for unit in _usual_units(robot, q, is_of_servo, unit_of_others):
         in_si = unit.in_si(q)
         is_usual = is_in_ranges(robot, in_si)
         if not far_outside(robot, in_si):
             yield replace(unit, prior=unit.prior * (1.0 if is_usual else _BESIDE_RANGE))
 
 
-def _usual_units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
+def _usual_units(
+    robot: Robot, q: Array, is_of_servo: bool, unit_of_others: str
+) -> Iterator[_Unit]:
     """Yield the units that logs are written in; lengths are millimetres where one is out of
     reach."""
     far = far_outside(robot, q)
@@ -509,7 +520,8 @@ def _usual_units(robot: Robot, q: Array, is_of_servo: bool) -> Iterator[_Unit]:
     yield unit("rad", 1.0, 1.0)
     if largest < _LITTLE:
         yield unit("turns", _RARE, _TURN)
-        return
+        if not unit_of_others:  # of a larger motion
+            return
     yield unit("deg", _DEGREES, UNITS["deg"])
     yield unit("mrad", 1e-3, 1e-3)
     yield unit("mdeg", 1e-3, UNITS["mdeg"])
@@ -561,10 +573,14 @@ def with_channel_of_torque(
 
 
 def with_signed_register(
-    recognition: Recognition, blocks: dict[str, Array], fit: Fit
+    recognition: Recognition,
+    blocks: dict[str, Array],
+    fit: Fit,
+    *,
+    is_known: bool = False,
 ) -> tuple[Recognition, dict[str, Array]]:
     """Read torques as a servo's registers with a sign bit, if the arm then leaves far less
-    of them.
+    of them, or if that is known of another log of the recorder.
 
     Slightly less is enough if they then vary less from row to row: as it is written, a
     register jumps at each change of sign.
@@ -578,7 +594,7 @@ def with_signed_register(
         return recognition, blocks
     varies_less = _variation(register) < _variation(blocks["tau"])
     odds = (as_written.share / as_register.share) ** N_PARTS
-    if odds < (1.0 if varies_less else CERTAIN):
+    if not is_known and odds < (1.0 if varies_less else CERTAIN):
         return recognition, blocks
     # Friction takes power: a negative one shows that torques count the other way.
     sign = 1.0 if as_register.friction > 0.0 else -1.0
@@ -587,7 +603,9 @@ def with_signed_register(
         f" {formatting.percent(as_register.share, 2)} of it,"
         f" {formatting.percent(as_written.share, 2)} as it is written"
     )
-    recognition = replace(recognition, said=(*recognition.said, text), is_of_arm=True)
+    recognition = replace(
+        recognition.with_sentences(text), is_of_arm=True, has_sign_bit=True
+    )
     return recognition, {**blocks, "tau": sign * register}
 
 
@@ -620,6 +638,7 @@ def confirmed(recognition: Recognition, blocks: Arrays, fit: Fit) -> Recognition
         said=(*recognition.said, said),
         unless_confirmed=None,
         share=of_torques.share,
+        is_confirmed=True,
     )
 
 
@@ -654,7 +673,7 @@ def _with_unit_of_positions(draft: Draft) -> Draft:
         for x in (bool(recognition.torque_unit), True)
     )
     decided, blocks = with_unit_of_positions(
-        recognition, draft.blocks, robot, of_links, apart, draft.choice.unit_of_others
+        recognition, draft.blocks, robot, of_links, apart, draft.choice.recorder
     )
     if decided is recognition:
         return draft
@@ -704,7 +723,10 @@ def _with_signs_of_registers(draft: Draft) -> Draft:
     if draft.robot is None:
         return draft
     recognition, blocks = with_signed_register(
-        draft.recognition, draft.blocks, _fit_at_stamps(draft)
+        draft.recognition,
+        draft.blocks,
+        _fit_at_stamps(draft),
+        is_known=draft.choice.recorder.has_sign_bit,
     )
     return replace(draft, recognition=recognition, blocks=blocks)
 

@@ -72,6 +72,10 @@ class Recognition:
     weight: float = 1.0
     #: Share of the torques that the arm leaves in it.
     share: float = 1.0
+    #: Whether the arm has confirmed columns that no name says.
+    is_confirmed: bool = False
+    #: Whether the arm has told that torques are registers with a sign bit.
+    has_sign_bit: bool = False
 
     @property
     def is_possible(self) -> bool:
