@@ -266,9 +266,9 @@ class Workers:
             done, total = len(result_by_place), len(todo)
             if total > 1:
                 # How long the others take at this pace.
-                left = (time.monotonic() - begin) * (total - done) / done
+                seconds_left = (time.monotonic() - begin) * (total - done) / done
                 words = f"{done} of {total} done"
-                words += f", about {left:.0f} s left" * (left >= 1.0)
+                words += f", about {seconds_left:.0f} s left" * (seconds_left >= 1.0)
                 self.progress(words)
         return [result_by_place[k] for k in range(len(todo))]
 

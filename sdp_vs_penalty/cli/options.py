@@ -99,8 +99,8 @@ def _value(kind: type, low: float | None, high: float | None) -> Callable[[str],
 
     def convert(word: str) -> Any:
         if issubclass(kind, StrEnum) and word not in list(kind):
-            there = ", ".join(repr(str(x)) for x in kind)
-            raise argparse.ArgumentTypeError(f"{word!r} is not one of {there}")
+            choices = ", ".join(repr(str(x)) for x in kind)
+            raise argparse.ArgumentTypeError(f"{word!r} is not one of {choices}")
         try:
             value = kind(word)
         except ValueError:
@@ -212,28 +212,28 @@ class Parser(argparse.ArgumentParser):
             return self.add_argument(
                 *flags, dest=p.name, action=yes_or_no, default=default, help=text
             )
-        how: dict[str, Any] = {"type": _value(kind, *limits), "default": default}
+        settings: dict[str, Any] = {"type": _value(kind, *limits), "default": default}
         if issubclass(kind, StrEnum):
             metavar = "|".join(kind)
-            how["choices"] = list(kind)  # for the shell's completion
-        how["metavar"] = metavar.removesuffix(" ...") or p.name.strip("_").upper()
+            settings["choices"] = list(kind)  # for the shell's completion
+        settings["metavar"] = metavar.removesuffix(" ...") or p.name.strip("_").upper()
         if not flags:
             if several:
-                how["nargs"] = "+" if required else "*"
+                settings["nargs"] = "+" if required else "*"
             else:
-                how["nargs"] = None if required else "?"
-            return self.add_argument(p.name, help=text, **how)
+                settings["nargs"] = None if required else "?"
+            return self.add_argument(p.name, help=text, **settings)
         if several and "..." in metavar:
             # Of --data RUN.csv ... all words up to the next option.
-            how |= {"action": "extend", "nargs": "+"}
+            settings |= {"action": "extend", "nargs": "+"}
         elif several:
-            how["action"] = "append"
+            settings["action"] = "append"
         if required:
             text += " (required)"
         elif default is not None:
             text += f" (default: {default})"
         return self.add_argument(
-            *flags, dest=p.name, required=required, help=text, **how
+            *flags, dest=p.name, required=required, help=text, **settings
         )
 
     def parse_words(self, words: Sequence[str]) -> dict[str, Any]:

@@ -218,8 +218,10 @@ def all_figures(failures: Failures, judged: Comparison) -> None:
     out, and its errors differ in the third digit.
     """
     errors = map(float, judged.rmse)
-    shown = [replace(f, rmse=x) for f, x in zip(failures, errors, strict=True)]
-    console.table(tables.failure_table(shown))
+    relative_failures = [
+        replace(f, rmse=x) for f, x in zip(failures, errors, strict=True)
+    ]
+    console.table(tables.failure_table(relative_failures))
     console.table(judged.fact_table())
 
 
@@ -248,14 +250,14 @@ def diagnosis(
     from sdp_vs_penalty.render.words import describe_diagnosis
 
     words = describe_diagnosis(result, units, str(model))
-    shown = result.effects if verbose else result.worth_showing
+    effects = result.effects if verbose else result.worth_showing
     say(words.verdict, style="bold")
     if unexplained_torque(result) or not has_findings:
         paragraph(words.advice)
     for constant in words.constants:
         paragraph(f"{constant.title_with_doubt}: {constant.sentences}")
     if result.effects:
-        _findings(result, words, units, shown)
+        _findings(result, words, units, effects)
     for curve in words.curves:
         paragraph(f"curve: {curve}")
     say(words.left)
@@ -268,7 +270,7 @@ def diagnosis(
         )
     for remark in words.remarks:
         paragraph(remark)
-    for number, finding in enumerate(words.findings[: len(shown)], start=1):
+    for number, finding in enumerate(words.findings[: len(effects)], start=1):
         if finding.test:
             say(f"To test finding {number}, record: {finding.test}")
 

@@ -82,18 +82,18 @@ def read_and_hold(
     problem = make(hold)
     try:
         runs = read(problem)
-        found = _idle_in_all(problem, runs)
-        if not found:
+        idle = _idle_in_all(problem, runs)
+        if not idle:
             return problem, runs, hold
         why = "stands still without torque", "stand still without torque"
     except MissingJoints as error:
-        found = dict.fromkeys(error.joints, 0.0)
+        idle = dict.fromkeys(error.joints, 0.0)
         why = "is in no column", "are in no column"
-    held = ",".join(f"{name}={value:.6g}" for name, value in found.items())
+    held = ",".join(f"{name}={value:.6g}" for name, value in idle.items())
     links = "its link belongs to its parent", "their links belong to their parents"
-    are_many = len(found) > 1
+    are_many = len(idle) > 1
     console.warn(
-        f"{formatting.words(list(found))} {why[are_many]}: held, {links[are_many]};"
+        f"{formatting.words(list(idle))} {why[are_many]}: held, {links[are_many]};"
         f" the same by `--hold {command_line([held])}`"
     )
     hold = f"{hold},{held}" if hold else held

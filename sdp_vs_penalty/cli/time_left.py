@@ -49,7 +49,7 @@ class TimeLeft:
         if seconds < 5.0:
             return text
         minutes, full_seconds = divmod(round(seconds), 60)
-        left = f"{full_seconds} s"
+        time_text = f"{full_seconds} s"
         if minutes:
-            left = f"{minutes} min {left}"
-        return f"{text}, about {left} left"
+            time_text = f"{minutes} min {time_text}"
+        return f"{text}, about {time_text} left"

@@ -438,13 +438,13 @@ def payload(estimate: Estimate) -> Inertial:
     InputError
         If it has no payload, or one without mass.
     """
-    found = payload_parameters(estimate)
-    if found is None:
+    parameters = payload_parameters(estimate)
+    if parameters is None:
         raise InputError(
             "the model has no payload",
             "add one: `sdp-vs-penalty add model.json payload --frozen`",
         )
-    _, load = found
+    _, load = parameters
     require_consistent(load, "payload")
     if load[0] <= 0.0:
         raise InputError("the payload has no mass", "measure with the load on")

@@ -87,12 +87,16 @@ def _own_file(
 
     Raises InputError for two, or where the format does not edit such a file.
     """
-    found = {kind: path for kind, path in path_by_kind.items() if path is not None}
-    if not found:
+    given_files = {
+        kind: path for kind, path in path_by_kind.items() if path is not None
+    }
+    if not given_files:
         return None
-    if len(found) > 1:
-        raise InputError(f"{' and '.join(found)} are two files", "name one of them")
-    ((kind, path),) = found.items()
+    if len(given_files) > 1:
+        raise InputError(
+            f"{' and '.join(given_files)} are two files", "name one of them"
+        )
+    ((kind, path),) = given_files.items()
     if getattr(file_format, "EDITS", "") != kind:
         ending = {"URDF": ".urdf", "MJCF": ".xml"}[kind]
         what = f"an edited {kind} must end in {ending}"

@@ -369,15 +369,17 @@ def _misfit_of_possible(written: WrittenInertial) -> tuple[str, list[Repair]]:
 def _contradictions(link: Any) -> tuple[str, ...]:
     """Return what a tensor says twice and differently: iyx against ixy, and so on."""
     tensor = link.find("inertial/inertia")
-    found = []
+    contradictions = []
     for name in PRODUCTS:
         mirrored = f"i{name[2]}{name[1]}"
         if tensor is None or tensor.get(mirrored) is None:
             continue
         text, mirrored_text = tensor.get(name) or "0", tensor.get(mirrored)
         if numbers_of(text, 1)[0] != numbers_of(mirrored_text or "0", 1)[0]:
-            found.append(f'{mirrored}="{mirrored_text}" contradicts {name}="{text}"')
-    return tuple(found)
+            contradictions.append(
+                f'{mirrored}="{mirrored_text}" contradicts {name}="{text}"'
+            )
+    return tuple(contradictions)
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
@@ -498,11 +500,11 @@ def format_remarks(path: Path) -> list[str]:
     kind = format_of(read_bytes(path))
     if kind == "sdf":
         links = parse_urdf(path).iter("link")
-        found = {x.get("name"): defaults_left_in(x) for x in links}
+        defaults_by_link = {x.get("name"): defaults_left_in(x) for x in links}
         return [
             f"Left out: {formatting.words(names)} of {link}: SDF's default is 1 kg and"
             " 1 kg m^2 then; write the link's own."
-            for link, names in found.items()
+            for link, names in defaults_by_link.items()
             if names
         ]
     gravity = load_robot(path).robot.gravity if kind == "mjcf" else np.zeros(3)

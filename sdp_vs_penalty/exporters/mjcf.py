@@ -139,8 +139,8 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
 
 def _add_body(parent: Any, part: LinkPart) -> Any:
     """Add the body of a link to its parent's, with its pose and its inertial."""
-    called = f"link {part.index + 1} (on joint {part.joint.name!r})"
-    attributes = _inertial_attributes(part.inertial, called)
+    link_name = f"link {part.index + 1} (on joint {part.joint.name!r})"
+    attributes = _inertial_attributes(part.inertial, link_name)
     placement = part.joint.placement
     rotation = scipy.spatial.transform.Rotation.from_matrix(placement[:3, :3])
     quat = rotation.as_quat(scalar_first=True)
@@ -240,8 +240,11 @@ def _body_elements(
         body for world in document.root.iter("worldbody") for body in world.iter("body")
     ]
     counts = [len(body.findall("joint")) for body in bodies]
-    names = [name for own in joints for name in own]
-    if counts != [len(own) for own in joints] or [*_joint_elements(bodies)] != names:
+    names = [name for of_body in joints for name in of_body]
+    if (
+        counts != [len(of_body) for of_body in joints]
+        or [*_joint_elements(bodies)] != names
+    ):
         what = "its bodies are not all written in this file (included, or replicated)"
         remedy = "save it whole by MuJoCo (mj_saveLastXML), and name that file"
         raise InputError(what, remedy, path)
@@ -257,9 +260,9 @@ def _joint_elements(bodies: list[Any]) -> dict[str, Any]:
 
 def _put_inertial(document: Document, path: str | Path, body: Any, link: Array) -> None:
     """Give a body the inertial of standard parameters (10,) about its frame."""
-    called = f"{path}: body {body.get('name', 'without a name')!r}"
-    require_consistent(link, called)
-    attributes = _inertial_attributes(Inertial.from_parameters(link), called)
+    body_name = f"{path}: body {body.get('name', 'without a name')!r}"
+    require_consistent(link, body_name)
+    attributes = _inertial_attributes(Inertial.from_parameters(link), body_name)
     written = {
         name: " ".join(map(number, np.atleast_1d(value)))
         for name, value in attributes.items()

@@ -52,8 +52,8 @@ def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
     if options.own_file is not None:
         edited = edit_urdf(options.own_file, estimate.robot, content)
         return edited, left_out(estimate, HOLDS)
-    made = make_urdf(estimate.robot, content, drake)
-    return made, left_out(estimate, {*HOLDS, "armature"} if drake else HOLDS)
+    text = make_urdf(estimate.robot, content, drake)
+    return text, left_out(estimate, {*HOLDS, "armature"} if drake else HOLDS)
 
 
 def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
@@ -204,15 +204,15 @@ def _put_inertials(
     moving_links = placed_links(path, held)
     moving_names = {moving.get("name") for ((moving, _), *_) in moving_links}
     # Links that keep their inertials: those that only a held joint fixes to another one.
-    kept = set[str]()
+    kept_links = set[str]()
     for fixed_together in placed_links(path):
         names = [link.get("name") for link, _ in fixed_together]
         if names[0] not in moving_names:
-            kept.update(names)
+            kept_links.update(names)
     for theta, ((moving, _), *others) in zip(links, moving_links, strict=True):
         for link, pose in others:
             element_of_link = elements[link.get("name")]
-            if link.get("name") in kept:
+            if link.get("name") in kept_links:
                 theta = theta - inertia.transform(pose) @ read_inertial(link)
             elif element_of_link.find("inertial") is not None:
                 document.put(element_of_link, "inertial", {}, zero)

@@ -386,8 +386,8 @@ class PayloadEstimator:
         # A fast loop projects in one cycle and judges changes in another: that bounds
         # its longest cycle.
         is_fast = self._steps_per_update == 1
-        found = self._detector.search(may_judge=not (is_fast and is_projecting))
-        return None if found is None else self._believe(found)
+        change = self._detector.search(may_judge=not (is_fast and is_projecting))
+        return None if change is None else self._believe(change)
 
     def _weigh(self, velocity: Array, acceleration: Array) -> None:
         """Compute each joint's weight (n,), the inverse variance of its residual

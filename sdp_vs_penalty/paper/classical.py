@@ -46,16 +46,16 @@ class Ridge(Estimator):
         data = task.data
         scale = 1.0 / nonzero_or_one(data.column_norms)
         U, s, Vt = np.linalg.svd(data.R * scale, full_matrices=False)
-        seen = U.T @ data.rho
-        outside = data.residual_norm**2 + data.rho @ data.rho - seen @ seen
+        determined = U.T @ data.rho
+        outside = data.residual_norm**2 + data.rho @ data.rho - determined @ determined
 
         def score(weight: float) -> float:
             kept = s**2 / (s**2 + weight)
-            residual = outside + np.sum(((1.0 - kept) * seen) ** 2)
+            residual = outside + np.sum(((1.0 - kept) * determined) ** 2)
             return float(residual / (data.rows - kept.sum()) ** 2)
 
         best = min((w * s[0] ** 2 for w in self.weights), key=score)
-        theta = scale * (Vt.T @ (s / (s**2 + best) * seen))
+        theta = scale * (Vt.T @ (s / (s**2 + best) * determined))
         return Fit(theta, task.problem)
 
 
@@ -115,8 +115,10 @@ class Geodesic(Estimator):
             theta = np.zeros(len(task.bound))
             slope = np.zeros((len(task.bound), len(x)))
             for k, link in enumerate(task.links):
-                own = slice(10 * k, 10 * k + 10)
-                theta[link], slope[link, own] = _link(roots[k], x[own])
+                columns_of_link = slice(10 * k, 10 * k + 10)
+                theta[link], slope[link, columns_of_link] = _link(
+                    roots[k], x[columns_of_link]
+                )
             theta[others] = x[10 * n :]
             slope[others, 10 * n + np.arange(len(others))] = 1.0
             return theta, slope
@@ -131,7 +133,7 @@ class Geodesic(Estimator):
             return np.vstack([data.R @ point(x)[1], below])
 
         start = np.append(np.zeros(10 * n), task.nominal[others])
-        found = scipy.optimize.least_squares(
+        solution = scipy.optimize.least_squares(
             residual,
             start,
             jacobian,
@@ -140,7 +142,7 @@ class Geodesic(Estimator):
             xtol=1e-12,
             ftol=1e-12,
         )
-        return Fit(point(found.x)[0], task.problem)
+        return Fit(point(solution.x)[0], task.problem)
 
 
 #: Places of a symmetric 4x4 matrix's ten entries, and how much each counts in its norm.

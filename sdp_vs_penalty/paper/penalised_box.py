@@ -130,8 +130,8 @@ class BoxedProblem:
         products = fit.theta[self.first_q :].reshape(n, 6)
         diagonal = products[:, [0, 2, 5]]  # Q_xx, Q_yy, Q_zz
         excess = diagonal - h**2 / mass[:, None]
-        found = problem.optimum(theta, weight, max(fit.lower, 0.0))
-        return SolvedCell(low, high, found, excess)
+        optimum = problem.optimum(theta, weight, max(fit.lower, 0.0))
+        return SolvedCell(low, high, optimum, excess)
 
     def _q(self, k: int) -> Indices:
         """Return the places (6,) of the entries of Q of link k among all variables."""
@@ -345,9 +345,9 @@ class BoxedProblem:
                 best = candidate
             is_last = n_cells + 2 > most_cells
             if best is not None:
-                found = replace(best, lower=lower, n_cells=n_cells)
-                if found.gap <= gap or is_last:
-                    return found
+                bounded = replace(best, lower=lower, n_cells=n_cells)
+                if bounded.gap <= gap or is_last:
+                    return bounded
             elif is_last:
                 what = f"no point of the box was found in {n_cells} cells"
                 raise InputError(what, "check the bounds of the problem")

@@ -69,8 +69,8 @@ class RepairedRows:
     @cached_property
     def projected(self) -> Array:
         """(n, M, s) shared columns with the basis projected out."""
-        left = self.raw - self.basis @ self.in_basis
-        return left * self.is_shared[..., None, :]
+        projected = self.raw - self.basis @ self.in_basis
+        return projected * self.is_shared[..., None, :]
 
     def products_with(self, torques: Array) -> Array:
         """Return the products (n, K, s) of K torques (n, M, K), own columns projected
@@ -134,8 +134,8 @@ class ArmFit:
     @cached_property
     def residual(self) -> Array:
         """(n, M) torque that the arm and the joints' own columns leave [N m or N]."""
-        left = self.rows.project_out_own(self.channels[:, :, None])[:, :, 0]
-        return left - self.rows.projected @ self.theta
+        without_own = self.rows.project_out_own(self.channels[:, :, None])[:, :, 0]
+        return without_own - self.rows.projected @ self.theta
 
 
 def orthonormal(columns: Array) -> Array:

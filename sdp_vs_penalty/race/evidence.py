@@ -428,17 +428,17 @@ class Evidence:
         see :meth:`_prior_of_links`."""
         problem = self.log.problem
         links = problem.prior_links
-        reach = np.maximum(problem.robot.link_reach(), 0.05)
-        reach = np.resize(reach, len(links))
+        distances = np.maximum(problem.robot.link_reach(), 0.05)
+        distances = np.resize(distances, len(links))
         mass = links[:, 0] + 0.05 * np.median(links[:, 0]) + 1e-3
         mass = mass * np.where(problem.guessed_links, _GUESSED, 1.0)
         sd = np.empty((len(links), 10))
         sd[:, 0] = 0.5 * mass
         centres = np.zeros_like(sd)
-        centres[:, 1:4] = _CENTRE * (mass * reach)[:, None]
+        centres[:, 1:4] = _CENTRE * (mass * distances)[:, None]
         sd[:, 1:4] = 0.5 * np.abs(links[:, 1:4]) + centres[:, 1:4]
         sd[-1, 1:4] += (_GUESSED - 1.0) * centres[-1, 1:4]
-        inertia = mass * (0.4 * reach) ** 2
+        inertia = mass * (0.4 * distances) ** 2
         sd[:, 4:] = inertia[:, None] + np.abs(links[:, 4:])
         return sd, centres
 
@@ -493,9 +493,10 @@ class Evidence:
                 raw[:, rows] = log.raw(of_part)[:, rows]
                 mask[:, rows] = log.torque_mask(of_part)[:, rows]
                 states[:, :, rows] = self._states(of_part)[:, :, rows]
-            own = self._own_columns_with_parts(motion)
-            if own is not None:  # else the basis of all rows, which is cached, is that
-                basis = orthonormal(own * mask[:, :, None])
+            own_columns = self._own_columns_with_parts(motion)
+            # Else the cached basis of all rows is that of the view.
+            if own_columns is not None:
+                basis = orthonormal(own_columns * mask[:, :, None])
         if motion.extra_torques:
             extra = [x.columns * mask[:, :, None] for x in motion.extra_torques]
             raw = np.concatenate([raw, *extra], axis=2)
@@ -511,20 +512,20 @@ class Evidence:
         """Return the joints' own columns (n, M, k) with those of each part on its rows, and
         a column for each of its events; None if no part changes them."""
         t = self.log.data.motion.t
-        own = self._own_columns(motion.transform, motion.transform)
+        own_columns = self._own_columns(motion.transform, motion.transform)
         is_changed = False
         for part, part_transform in motion.parts:
             rows = self.rows_of(part)
             of_part = part_transform.followed_by(motion.transform)
             own_of_part = self._own_columns(of_part, motion.transform)[:, rows]
-            is_changed |= not np.array_equal(own[:, rows], own_of_part)
-            own[:, rows] = own_of_part
+            is_changed |= not np.array_equal(own_columns[:, rows], own_of_part)
+            own_columns[:, rows] = own_of_part
             for event in part_transform.events:
-                column = np.zeros((*own.shape[:2], 1))
+                column = np.zeros((*own_columns.shape[:2], 1))
                 column[event.joint, rows] = event.shape(t[rows])
-                own = np.concatenate([own, column], axis=2)
+                own_columns = np.concatenate([own_columns, column], axis=2)
                 is_changed = True
-        return own if is_changed else None
+        return own_columns if is_changed else None
 
     def _own_columns(self, transform: LogTransform, of_all_rows: LogTransform) -> Array:
         """Return the joints' own columns (n, M, k) under a part's transform, for the
@@ -934,11 +935,11 @@ class Evidence:
         """
         moving = self.log.moving
         rows = fit.columns.rows
-        beside = [] if extra is None else [extra]
+        extra_columns = [] if extra is None else [extra]
         torque = self._torque(fit.view)[:, :, None]
-        columns = np.concatenate([rows.basis, rows.raw, *beside, torque], axis=2)[
-            moving
-        ]
+        columns = np.concatenate(
+            [rows.basis, rows.raw, *extra_columns, torque], axis=2
+        )[moving]
         grams = np.zeros((c.PARTS, len(columns), *2 * columns.shape[2:]))
         is_inside = np.ones(columns.shape[1], bool)
         if span is not None:

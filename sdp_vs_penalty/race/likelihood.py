@@ -368,8 +368,8 @@ class Likelihood:
                 continue
             for first in range(0, len(arm_parts), n_at_a_time):
                 batch = arm_parts[first : first + n_at_a_time]
-                made = self._make_columns(batch)
-                for arm_part, columns in zip(batch, made, strict=True):
+                made_columns = self._make_columns(batch)
+                for arm_part, columns in zip(batch, made_columns, strict=True):
                     key = arm_part, False
                     keep_recent(self._kept_columns, key, columns, self.n_kept)
 

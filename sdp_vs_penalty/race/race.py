@@ -675,29 +675,33 @@ class Race:
             best = self._best_size(entry, hypothesis.number, fit, few_fit)
         if best is None:
             return None
-        found = self.all_rows.fit(
+        with_hypothesis = self.all_rows.fit(
             hypothesis.applied_to(fit.view, best.size), fit.rows_worth_one
         )
         for _ in range(_ROUNDS_OF_COLUMNS if hypothesis.extra_torque_at else 0):
             assert hypothesis.extra_torque is not None
             assert hypothesis.extra_torque_at is not None
             # Sizes of extra columns stand last in theta.
-            first_size = float(found.theta[-len(hypothesis.extra_torque.sd)])
+            first_size = float(with_hypothesis.theta[-len(hypothesis.extra_torque.sd)])
             hypothesis = replace(
                 hypothesis, extra_torque=hypothesis.extra_torque_at(first_size)
             )
-            found = self.all_rows.fit(
+            with_hypothesis = self.all_rows.fit(
                 hypothesis.applied_to(fit.view), fit.rows_worth_one
             )
         rows_worth_one = min(
-            self.all_rows.estimate_rows_worth_one(found), fit.rows_worth_one
+            self.all_rows.estimate_rows_worth_one(with_hypothesis), fit.rows_worth_one
         )
-        found = self.all_rows.with_rows_worth_one(found, rows_worth_one)
+        with_hypothesis = self.all_rows.with_rows_worth_one(
+            with_hypothesis, rows_worth_one
+        )
         if hypothesis.extra_torque is not None:
-            best = _size_of_columns(found, hypothesis.extra_torque, best.occam)
+            best = _size_of_columns(
+                with_hypothesis, hypothesis.extra_torque, best.occam
+            )
         incumbent = self.all_rows.with_rows_worth_one(fit, rows_worth_one)
-        return Claim(hypothesis, 0.0, found, incumbent, *best).with_fits(
-            incumbent, found
+        return Claim(hypothesis, 0.0, with_hypothesis, incumbent, *best).with_fits(
+            incumbent, with_hypothesis
         )
 
     def _best_size(
@@ -811,10 +815,10 @@ class Race:
         fall = standard_errors_above_zero(np.log(before / after).sum(axis=1))
         ratios = before.mean(axis=0) / after.mean(axis=0)
         has_size = hypothesis.number is not None or hypothesis.extra_torque is not None
-        least = c.LEAST_RATIO_WITH_SIZE if has_size else c.LEAST_RATIO
+        least_ratio = c.LEAST_RATIO_WITH_SIZE if has_size else c.LEAST_RATIO
         if self.is_doubtful:
-            least = c.LEAST_RATIO_IF_DOUBTFUL
-        is_large = max(float(ratios.max()), float(ratios.prod())) > least
+            least_ratio = c.LEAST_RATIO_IF_DOUBTFUL
+        is_large = max(float(ratios.max()), float(ratios.prod())) > least_ratio
         return bool(fall > c.WITNESS_SIGMAS and is_large)
 
 
@@ -881,10 +885,15 @@ def _fits_as_well(claim: Claim, best: Claim) -> bool:
 
     The one with fewer numbers is then likelier, but not the only remedy.
     """
-    one, other = claim.hypothesis, best.hypothesis
-    is_same_remedy = (one.extra_torque is None) == (other.extra_torque is None)
-    is_same_place = (one.joints, one.part) == (other.joints, other.part)
-    if not is_same_place or one.part is None or is_same_remedy:
+    hypothesis, best_hypothesis = claim.hypothesis, best.hypothesis
+    is_same_remedy = (hypothesis.extra_torque is None) == (
+        best_hypothesis.extra_torque is None
+    )
+    is_same_place = (hypothesis.joints, hypothesis.part) == (
+        best_hypothesis.joints,
+        best_hypothesis.part,
+    )
+    if not is_same_place or hypothesis.part is None or is_same_remedy:
         return False
     moving = best.fit.weights > 0.0
     rise = np.log(claim.fit.shares_left[moving] / best.fit.shares_left[moving])

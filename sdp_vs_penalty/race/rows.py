@@ -254,14 +254,14 @@ class RegressionData:
             what = "no joint both moves and has a torque that changes"
             raise InputError(what, "record such a run", run.names[0])
         dependence, independent = base_columns(shared)
-        own = np.concatenate(own_columns, axis=1)[:, rows]
+        own_of_rows = np.concatenate(own_columns, axis=1)[:, rows]
         return cls(
             shared=shared,
             dependence=dependence,
             independent=independent,
             motion=motion.part(rows),
             torque=CubicSpline(np.concatenate(times), np.concatenate(torques)),
-            own_columns=own,
+            own_columns=own_of_rows,
             laws=np.concatenate(laws, axis=1)[:, rows],
             torque_mask=slides[rows].astype(float),
             moving=moving,
@@ -271,7 +271,7 @@ class RegressionData:
             run=np.zeros(len(rows), np.intp),
             velocity_signs=(_velocity_sign(run),),
             # All but the rotor's inertia and the offset, which come first.
-            turns=(False, False, *(own.shape[2] - 2) * (True,)),
+            turns=(False, False, *(own_of_rows.shape[2] - 2) * (True,)),
         )
 
 
@@ -300,13 +300,13 @@ def _chosen_rows(
     n_rows = sum(len(rows) for _, rows in places)
     if n_rows == 0:
         raise no_rows(run, 2 * margin * filters.dt)
-    chosen = []
+    rows_by_stretch = []
     for part, rows in places:
         count = min(round(ROWS * len(rows) / n_rows), len(rows))
         if count:
             spread = np.linspace(0, len(rows) - 1, count).astype(int)
-            chosen.append((part, rows[spread]))
-    return chosen
+            rows_by_stretch.append((part, rows[spread]))
+    return rows_by_stretch
 
 
 def _filter_stretch(
@@ -322,11 +322,11 @@ def _filter_stretch(
     the torque is.
     """
     half = filters.coarse.half
-    reach = filters.stride * half
-    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
+    margin = filters.stride * half
+    dense = filters.motion(part, at[0] - margin, at[-1] + margin)
     # Rows of the dense grid nearest to ``at``: off by at most half a step, which motion
     # and columns share.
-    local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
+    local = np.rint((at - at[0] + margin) / filters.stride).astype(np.int64)
     local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = Decimator(filters.coarse, local)
     own, laws = (

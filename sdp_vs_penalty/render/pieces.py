@@ -125,9 +125,9 @@ def bars(
     unit = ""
     if ratios is None and len(torque) > 0 and all(torque):
         ratios, unit = 100.0 * errors_of_all / np.array(torque), " %"
-    shown = errors_of_all if ratios is None else ratios
-    scale = _Scale.for_errors(shown.ravel(), is_known)
-    old_errors, new_errors, other_errors = shown
+    printed_errors = errors_of_all if ratios is None else ratios
+    scale = _Scale.for_errors(printed_errors.ravel(), is_known)
+    old_errors, new_errors, other_errors = printed_errors
     rows = []
     for j in range(len(old_errors)):
         row = _bar(

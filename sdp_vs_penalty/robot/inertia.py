@@ -255,15 +255,15 @@ def why_impossible(theta: ArrayLike) -> str:
         can exist. Rounding errors of a moment are relative to those about the link's
         origin.
     """
-    given = np.asarray(theta, float)
-    mass = float(given[0])
+    parameters = np.asarray(theta, float)
+    mass = float(parameters[0])
     if mass < 0.0:
         return "negative mass"
     if mass == 0.0:
-        return "moment of inertia without mass" if given.any() else ""
-    com = given[1:4] / mass
+        return "moment of inertia without mass" if parameters.any() else ""
+    com = parameters[1:4] / mass
     of_centre = mass * (com @ com * np.eye(3) - np.outer(com, com))  # Steiner
-    moments = np.linalg.eigvalsh(inertia_matrix(given[4:]) - of_centre)
+    moments = np.linalg.eigvalsh(inertia_matrix(parameters[4:]) - of_centre)
     to_origin = 2.0 * mass * float(com @ com)
     tolerance = -ROUNDING * (abs(float(moments.sum())) + to_origin)
     if moments[0] < tolerance:

@@ -240,7 +240,7 @@ def find_repairs(
     is_clear : bool
         Whether there is one, ten times likelier than the unknown cause.
     """
-    found: list[Repair] = []
+    candidates: list[Repair] = []
     if max(map(len, written.texts.values())) > _LONGEST:
         return [], False
     for sentence, texts, n_characters in _hypotheses(written):
@@ -251,24 +251,26 @@ def find_repairs(
         repair = Repair(sentence, texts, n_characters, barycentric, score)
         same = [
             k
-            for k, other in enumerate(found)
+            for k, other in enumerate(candidates)
             if np.allclose(other.barycentric, barycentric, rtol=1e-9, atol=0.0)
         ]
         if not same:
-            found.append(repair)
-        elif score > found[same[0]].score:
-            found[same[0]] = repair
+            candidates.append(repair)
+        elif score > candidates[same[0]].score:
+            candidates[same[0]] = repair
     # The score of the unknown cause: it leaves a link of the likeliest kind, 0.
     n_characters_of_unknown = _INVENTED
     if move is not None:
         in_decades = np.log10(max(move, 1e-300))
         n_characters_of_unknown = max(_ANEW + _PER_DECADE * in_decades, 0.0)
     unknown = -_CHARACTER * n_characters_of_unknown
-    best = max((repair.score for repair in found), default=unknown)
+    best = max((repair.score for repair in candidates), default=unknown)
     # A link that can exist needs no repair: one must be likelier than the unknown cause.
     least_beside_unknown = unknown if move is None else unknown - _CHARACTER
-    least = max(best - _CHARACTER, least_beside_unknown)
-    repairs = sorted((x for x in found if x.score > least), key=lambda x: -x.score)
+    least_score = max(best - _CHARACTER, least_beside_unknown)
+    repairs = sorted(
+        (x for x in candidates if x.score > least_score), key=lambda x: -x.score
+    )
     return repairs, len(repairs) == 1 and best > unknown + _CHARACTER
 
 
@@ -281,16 +283,16 @@ def find_exchanges(written: WrittenInertial) -> list[Repair]:
     if written.shape is None:
         return []
     as_written = written.plausibility(written.barycentric())
-    found = list[Repair]()
+    exchanges = list[Repair]()
     for a, b in combinations(("ixx", "iyy", "izz"), 2):
         texts = {a: written.texts[b], b: written.texts[a]}
         barycentric = written.barycentric(texts)
         score = written.plausibility(barycentric) - _CHARACTER * _CONVENTION
         if written.fits(barycentric) and score > as_written + _CHARACTER * _INVENTED:
             sentence = f"{a} and {b} are exchanged{_corrected(texts)}"
-            found.append(Repair(sentence, texts, _CONVENTION, barycentric, score))
-    found.sort(key=lambda repair: -repair.score)
-    return [x for x in found if x.score > found[0].score - _CHARACTER]
+            exchanges.append(Repair(sentence, texts, _CONVENTION, barycentric, score))
+    exchanges.sort(key=lambda repair: -repair.score)
+    return [x for x in exchanges if x.score > exchanges[0].score - _CHARACTER]
 
 
 def find_shared(links: Sequence[WrittenInertial]) -> tuple[str, list[Repair]] | None:
@@ -516,9 +518,9 @@ def _times_power_of_ten(text: str, k: int) -> _Retyped:
     plain = text.strip()
     sign = plain[:1] if plain[:1] in ("+", "-") else ""
     mantissa, letter, exponent = _split_exponent(plain[len(sign) :])
-    whole, _, decimals = mantissa.partition(".")
-    digits = whole + decimals
-    place = len(whole) + k  # of the point, behind so many digits
+    integer_digits, _, decimals = mantissa.partition(".")
+    digits = integer_digits + decimals
+    place = len(integer_digits) + k  # of the point, behind so many digits
     # Zeros where the point leaves the digits.
     padded = "0" * max(1 - place, 0) + digits + "0" * max(place - len(digits), 0)
     place = max(place, 1)

@@ -210,9 +210,9 @@ def resolve_mimic_joints(
     """
     if not followers and not massless:
         return tuple(tree), None
-    free = [joint for joint in tree if joint.name not in followers]
-    column_of = {joint.name: k for k, joint in enumerate(free)}
-    matrix = np.zeros((len(tree), len(free)))
+    driven = [joint for joint in tree if joint.name not in followers]
+    column_of = {joint.name: k for k, joint in enumerate(driven)}
+    matrix = np.zeros((len(tree), len(driven)))
     offset = np.zeros(len(tree))
     for k, joint in enumerate(tree):
         # q_k = ratio q_name + shift, with ``name`` from leader to leader.
@@ -236,7 +236,7 @@ def resolve_mimic_joints(
         matrix[k, column_of[name]] = ratio
         offset[k] = shift
     mechanism = Mechanism(tuple(tree), matrix, offset, massless=tuple(massless))
-    return tuple(free), mechanism
+    return tuple(driven), mechanism
 
 
 def hold_followers(
@@ -258,12 +258,12 @@ def hold_followers(
     dict
         Positions [rad, m] by name.
     """
-    still = dict(held)
+    positions = dict(held)
     for _ in followers:  # a follower may follow a follower
         for name, (leader, ratio, offset) in followers.items():
-            if leader in still:
-                still[name] = ratio * still[leader] + offset
-    return still
+            if leader in positions:
+                positions[name] = ratio * positions[leader] + offset
+    return positions
 
 
 def parse_held(text: str | Sequence[str]) -> dict[str, float]:

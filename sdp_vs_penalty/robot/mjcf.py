@@ -371,9 +371,9 @@ def _refusal(message: str, spec: Any) -> Exception:
                 " another one, Ixx Ixy Ixz Iyy Iyz Izz"
             )
         elif "A + B" in reason:
-            shown = " ".join(f"{x:g}" for x in body.inertia)
+            diagonal = " ".join(f"{x:g}" for x in body.inertia)
             remedy = (
-                f"correct its diaginertia, {shown}: no principal moment of a body is larger"
+                f"correct its diaginertia, {diagonal}: no principal moment of a body is larger"
                 " than the sum of the other two"
             )
     return InputError(f"MuJoCo does not read it ({reason[:200]}{where})", remedy)

@@ -62,13 +62,13 @@ def described_robot(name: str) -> Path:
         what = f"problem {name!r} is a name of the package robot_descriptions"
         raise InputError(what, remedy) from error
     try:
-        found = importlib.import_module(f"robot_descriptions.{name}")
+        description = importlib.import_module(f"robot_descriptions.{name}")
     except Exception as error:
         what = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise InputError(
             f"robot_descriptions has no robot {name!r} ({what})", "check its name"
         ) from error
     for kind in ("URDF_PATH", "MJCF_PATH", "XACRO_PATH"):
-        if (path := getattr(found, kind, None)) is not None:
+        if (path := getattr(description, kind, None)) is not None:
             return Path(path)
     raise InputError(f"robot_descriptions has no file of {name!r}", "name a URDF file")

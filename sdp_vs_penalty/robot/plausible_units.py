@@ -250,11 +250,11 @@ def _inertia_units(excess: float, are_masses_in_grams: bool) -> dict[float, str]
     A file has mostly one unit of mass, for masses and for inertias: units with the mass
     unit of the file come before the others, the nearest first.
     """
-    same, other = _KILOGRAM_INERTIAS, _GRAM_INERTIAS
+    same, other_units = _KILOGRAM_INERTIAS, _GRAM_INERTIAS
     if are_masses_in_grams:
-        same, other = other, same
+        same, other_units = other_units, same
     fits: dict[float, str] = {}
-    for units in (same, other):
+    for units in (same, other_units):
         for factor in sorted(units, key=lambda f: abs(np.log(excess / f))):
             if abs(np.log(excess / factor)) <= np.log(_INERTIA_ERROR):
                 fits[factor] = units[factor]

@@ -325,7 +325,7 @@ class Robot(JsonRecord):
         A link for which that is zero, such as the last one, gets the distance of its
         parent; none is below 0.1 m.
         """
-        reach = np.array(
+        distances = np.array(
             [np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree]
         )
         for joint in self.tree:
@@ -333,11 +333,11 @@ class Robot(JsonRecord):
                 parent_frame = self.tree[joint.parent].link_frame
                 offset = np.linalg.inv(parent_frame) @ joint.placement
                 distance = np.linalg.norm(offset[:3, 3])
-                reach[joint.parent] = max(reach[joint.parent], distance)
+                distances[joint.parent] = max(distances[joint.parent], distance)
         for i, joint in enumerate(self.tree):
-            if reach[i] == 0.0 and joint.parent >= 0:
-                reach[i] = reach[joint.parent]
-        return np.maximum(reach, 0.1)[list(self.link_joints)]
+            if distances[i] == 0.0 and joint.parent >= 0:
+                distances[i] = distances[joint.parent]
+        return np.maximum(distances, 0.1)[list(self.link_joints)]
 
     @classmethod
     def from_dh(

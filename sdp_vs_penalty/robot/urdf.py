@@ -237,13 +237,13 @@ def load_urdf(
 
 def _followers(root: Any) -> dict[str, Follower]:
     """Return leader, multiplier and offset of each mimic joint, by name."""
-    found = dict[str, Follower]()
+    followers = dict[str, Follower]()
     for joint in root.findall("joint"):
         if (element := joint.find("mimic")) is not None:
             (ratio,) = _numbers(element, "multiplier", 1.0)
             (offset,) = _numbers(element, "offset", 0.0)
-            found[joint.get("name")] = (str(element.get("joint")), ratio, offset)
-    return found
+            followers[joint.get("name")] = (str(element.get("joint")), ratio, offset)
+    return followers
 
 
 def placed_links(
@@ -311,13 +311,13 @@ def couplings_left_out(root: Any, *, has_lines: bool) -> str:
 
 def coupling_elements(root: Any) -> list[Any]:
     """List the XML elements that couple links of a robot beside its tree of joints."""
-    found = []
+    elements = []
     for element in root.iter(etree.Element):
         tag, parent = etree.QName(element).localname, element.getparent()
         in_extension = parent is not None and parent.tag in ("gazebo", "equality")
         if _COUPLING.search(tag) or (in_extension and tag == "joint"):
-            found.append(element)
-    return found
+            elements.append(element)
+    return elements
 
 
 def axes_left_out(root: Any) -> list[str]:
@@ -455,11 +455,9 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
         what = f"the outermost element is <{root.tag}>, a URDF's is <robot>"
         remedy = "correct the file"
         if root.tag in _OTHER_FORMATS:
-            other = _OTHER_FORMATS[root.tag]
-            what = f"{other}, not a URDF: {what}"
-            remedy = (
-                f"name the URDF from which this {other} was made, or convert it to URDF"
-            )
+            other_format = _OTHER_FORMATS[root.tag]
+            what = f"{other_format}, not a URDF: {what}"
+            remedy = f"name the URDF from which this {other_format} was made, or convert it to URDF"
         raise InputError(what, remedy)
     if len(root.findall("link")) > _MOST_LINKS:
         raise InputError(f"more than {_MOST_LINKS} links", "name the file of one robot")

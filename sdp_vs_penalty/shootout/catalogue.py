@@ -49,8 +49,10 @@ def as_gram(mass: float, length: float) -> Change:
 
     def change(instance: Instance) -> Instance:
         """Return the instance whose Gram matrix doubles hold without rounding."""
-        made = in_units(instance, mass, length)
-        return replace(made.with_data(exactly_squarable(made.data)), formulation="gram")
+        converted = in_units(instance, mass, length)
+        return replace(
+            converted.with_data(exactly_squarable(converted.data)), formulation="gram"
+        )
 
     return change
 
@@ -453,13 +455,13 @@ def selected(
         if no instance is left.
     """
     if words is None:
-        chosen = [e for e in everything() if e.set]
+        entries = [e for e in everything() if e.set]
     else:
-        chosen = [e for word in words for e in _instances_of(word)]
+        entries = [e for word in words for e in _instances_of(word)]
     names = set(words or ())
     if quick:
-        chosen = [e for e in chosen if "quick" in e.tags or e.name in names]
-    kept = list(dict.fromkeys(chosen))
+        entries = [e for e in entries if "quick" in e.tags or e.name in names]
+    kept = list(dict.fromkeys(entries))
     lacks_measurements = real_data_folder() is None
     absent = [e for e in kept if e.measured and lacks_measurements]
     present = [e for e in kept if e not in absent]

@@ -218,13 +218,13 @@ def contestants() -> dict[str, Contestant]:
     Each conic solver takes part as its authors ship it, and with what we tune (where we
     do).
     """
-    found = _baselines()
+    contestant_list = _baselines()
     for kind in solver_types().values():
         solver = kind()
-        found.append(_conic(solver, tuned=False))
+        contestant_list.append(_conic(solver, tuned=False))
         if solver.tuned_options:
-            found.append(_conic(solver, tuned=True))
-    return {c.name: c for c in sorted(found, key=lambda c: c.name)}
+            contestant_list.append(_conic(solver, tuned=True))
+    return {c.name: c for c in sorted(contestant_list, key=lambda c: c.name)}
 
 
 def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:

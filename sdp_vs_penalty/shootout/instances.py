@@ -207,12 +207,12 @@ def principal_rows(data: LeastSquares) -> LeastSquares:
     that depends on earlier ones, its rows are any rotation of each other, which
     rounding chooses. What rounds or selects rows starts from these.
     """
-    left, sizes, right = np.linalg.svd(data.R, full_matrices=False)
-    seen = sizes > 1e-10 * sizes[0]
-    rho = left.T[seen] @ data.rho
+    left_vectors, sizes, right = np.linalg.svd(data.R, full_matrices=False)
+    determined = sizes > 1e-10 * sizes[0]
+    rho = left_vectors.T[determined] @ data.rho
     lost = max(float(data.rho @ data.rho - rho @ rho), 0.0)
     residual_norm = float(np.hypot(data.residual_norm, np.sqrt(lost)))
-    R = sizes[seen, None] * right[seen]
+    R = sizes[determined, None] * right[determined]
     return replace(data, R=R, rho=rho, residual_norm=residual_norm)
 
 
@@ -460,8 +460,8 @@ def _first_seconds(run: Measurements, problem: Problem, stop: float) -> Measurem
     assert settings.state_cutoff is not None
     assert settings.torque_cutoff is not None
     # The filters' kernels reach two periods of their cut-off beyond each row.
-    reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
-    return run.window(begin, begin + stop + 2.0 * reach)
+    margin = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
+    return run.window(begin, begin + stop + 2.0 * margin)
 
 
 def _seed_of_chain(base: int, n: int, draw: int) -> list[int]:

@@ -454,8 +454,12 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
             cells = facts.find_row(task)
             results.add([row | cells for row in rows])
             n_done += len(rows)
-            left = (time.monotonic() - begin) * (total - n_done) / max(n_done, 1)
-            about_left = f", about {left:.0f} s left" if left >= 1.0 else ""
+            seconds_left = (
+                (time.monotonic() - begin) * (total - n_done) / max(n_done, 1)
+            )
+            about_left = (
+                f", about {seconds_left:.0f} s left" if seconds_left >= 1.0 else ""
+            )
             say(f"{n_done} of {total}: {task.solver} on {task.problem}{about_left}")
     return Outcome(results, absent, not_applicable, notes)
 

@@ -195,15 +195,15 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
     list of str
         Of each table, at each accuracy: all numbers are of :func:`ranking`.
     """
-    said = []
+    text = []
     for name, form, _, part in _tables(runs):
         for accuracy in accuracies(runs):
-            said += _advice(part, accuracy, name, form)
+            text += _advice(part, accuracy, name, form)
         others = sorted(set(runs["solver"]) - set(part["solver"]))
         if others:
             n = part["problem"].nunique()
             verb = "were" if len(others) > 1 else "was"
-            said.append(f"{words(others)} {verb} given none of {count(n, name)}{form}.")
+            text.append(f"{words(others)} {verb} given none of {count(n, name)}{form}.")
     is_far = (runs["error"] > FAR) & np.isfinite(runs["error"])
     far = runs[(runs["outcome"] == "claim") & is_far]
     is_near = ~_beyond_far(far)["objective_error"]
@@ -213,7 +213,7 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
         if near.any()
     ]
     if near_by_solver:
-        said.append(
+        text.append(
             f"Of claimed optima that are far, under any setting, {words(near_by_solver)} have an"
             f" objective within {FAR:g}: only their violation is above."
         )
@@ -226,7 +226,7 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
     ]
     if within_by_solver:
         asked = tight["accuracy"].iloc[0]
-        said.append(
+        text.append(
             "An answer that calls itself inaccurate counts as that, whatever its figures."
             f" Asked for {asked:.0e}, so many do (in brackets: within {SLACK * asked:.0e}):"
             f" {words(within_by_solver)}."
@@ -235,18 +235,18 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
     if len(ours):
         by_clarabel = ours["problem"][~ours["status"].str.startswith("primal-dual")]
         of = f"{by_clarabel.nunique()} of {ours['problem'].nunique()} problems"
-        said.append(f"lmi-sdp is a portfolio: it called Clarabel on {of}.")
+        text.append(f"lmi-sdp is a portfolio: it called Clarabel on {of}.")
         of_all = runs[runs["solver"] == "lmi-sdp"]
         tightest = of_all["accuracy"].min()
         alone = of_all[of_all["accuracy"] == tightest]
         kinds = classes(alone, tightest)
-        said.append(
+        text.append(
             f"lmi-sdp solves to {LmiSdp.accuracy:g} whatever it is asked for, and claims the"
             f" gap that it proves: of its answers asked for {tightest:.0e} alone,"
             f" {(kinds == 'right').sum()} of {len(alone)} are right, and"
             f" {(kinds == 'inaccurate').sum()} it calls inaccurate, whatever their figures."
         )
-    return said
+    return text
 
 
 def _tables(runs: pandas.DataFrame) -> list[tuple[str, str, str, pandas.DataFrame]]:
@@ -286,34 +286,38 @@ def _advice(runs: pandas.DataFrame, accuracy: float, name: str, form: str) -> li
     table = ranked.set_index("solver")
     if not is_ranked(cells):
         counts = _by_count(table, "right")
-        said = f"{where} cannot rank anybody. Right to {accuracy:.0e}: {counts}"
-        return [f"{said}{_doubtful(table, cells)}."]
+        advice = f"{where} cannot rank anybody. Right to {accuracy:.0e}: {counts}"
+        return [f"{advice}{_doubtful(table, cells)}."]
     first = good[0]
     same = [
         _share(table, name, "right", common=beside(cells, first, name)["n"])
         for name in good[1:]
     ]
-    said = f"Right to {accuracy:.0e} on {where}: most surely"
-    said += f" {_share(table, first, 'right')}"
+    advice = f"Right to {accuracy:.0e} on {where}: most surely"
+    advice += f" {_share(table, first, 'right')}"
     if same:
-        said += f", from which no test tells {words(same)}"
+        advice += f", from which no test tells {words(same)}"
     known = contestants()
     before = table.loc[first, "form_seconds"]
     seconds = table["seconds"]
     if np.isfinite(seconds[first]):
-        said += f"; {first} takes {_milliseconds(seconds[first])} ms (median"
-        said += f"; {_milliseconds(before)} ms before for its form)" if before else ")"
+        advice += f"; {first} takes {_milliseconds(seconds[first])} ms (median"
+        advice += (
+            f"; {_milliseconds(before)} ms before for its form)" if before else ")"
+        )
     if "lmi-sdp" in good[1:] and np.isfinite(seconds["lmi-sdp"]):
         ours = _milliseconds(seconds["lmi-sdp"])
-        said += f", lmi-sdp {ours} ms ({known['lmi-sdp'].clock})"
+        advice += f", lmi-sdp {ours} ms ({known['lmi-sdp'].clock})"
     if proving := [s for s in good if s in known and known[s].certifies]:
-        said += (
+        advice += (
             f"; {words(proving)} {'prove' if len(proving) > 1 else 'proves'} each claim"
         )
-    own = [name for name in table.index if SOLVERS.provider(name) and name not in good]
-    for solver in own:
-        said += f". {_share(table, solver, 'right')}: {_other_answers(cells, solver)}"
-    return [f"{said}{_doubtful(table, cells)}."]
+    solvers_of_ours = [
+        name for name in table.index if SOLVERS.provider(name) and name not in good
+    ]
+    for solver in solvers_of_ours:
+        advice += f". {_share(table, solver, 'right')}: {_other_answers(cells, solver)}"
+    return [f"{advice}{_doubtful(table, cells)}."]
 
 
 def _other_answers(cells: pandas.DataFrame, name: str) -> str:
@@ -326,11 +330,11 @@ def _other_answers(cells: pandas.DataFrame, name: str) -> str:
 
 def _doubtful(table: pandas.DataFrame, cells: pandas.DataFrame) -> str:
     """Say who claims on how many problems what is false or far, "" if nobody does."""
-    said = ""
+    sentences = ""
     for kind, what in DOUBTFUL.items():
         if by := _by_count(table, kind, cells[cells["class"] == kind]):
-            said += f". {sentence(what)}: {by}"
-    return said
+            sentences += f". {sentence(what)}: {by}"
+    return sentences
 
 
 def _by_count(
@@ -584,29 +588,31 @@ def _ranking_in_words(cells: pandas.DataFrame) -> str:
             }
         )
         above = name
-    shown = pandas.DataFrame(rows)
+    printed = pandas.DataFrame(rows)
     if rows and not is_ranked(cells):
-        shown = shown.drop(columns=["95 % interval", "beside the row above"])
-    return _markdown(shown)
+        printed = printed.drop(columns=["95 % interval", "beside the row above"])
+    return _markdown(printed)
 
 
 def _beside_in_words(row: dict[str, float], at: float, is_one_clock: bool) -> str:
     """Say how a contestant compares with the one above it in the ranking."""
     if np.isnan(row["p"]):
         return ""
-    how = "about as right" if row["p"] > at else "less often right"
-    said = f"{how} ({row['one']:.0f} to {row['other']:.0f} of {row['n']:.0f},"
-    said += f" p {row['p']:.2g})"
+    comparison = "about as right" if row["p"] > at else "less often right"
+    sentence = (
+        f"{comparison} ({row['one']:.0f} to {row['other']:.0f} of {row['n']:.0f},"
+    )
+    sentence += f" p {row['p']:.2g})"
     if np.isnan(row["ratio"]):
-        return said
+        return sentence
     if not is_one_clock:
-        return f"{said}; another clock"
+        return f"{sentence}; another clock"
     is_near = 1.0 / SAME_TIME < row["ratio"] < SAME_TIME
     if is_near:
-        return f"{said}, about as fast"
+        return f"{sentence}, about as fast"
     if row["p_time"] > at:
-        return f"{said}, speeds not told apart"
-    return f"{said}, {number(row['ratio'])} times as long (p {row['p_time']:.1g})"
+        return f"{sentence}, speeds not told apart"
+    return f"{sentence}, {number(row['ratio'])} times as long (p {row['p_time']:.1g})"
 
 
 def false_claims(runs: pandas.DataFrame) -> pandas.DataFrame:
@@ -683,7 +689,7 @@ def by_problem(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
     inaccurate" is one that says so itself.
     """
     cells = best_answers(runs, accuracy)
-    said = []
+    claims = []
     for row in cells.to_dict("records"):
         text = row["class"]
         if text == "false_claim":
@@ -694,8 +700,8 @@ def by_problem(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
             text += f", violation {row['violation']:.0e}"
         elif row["outcome"] == text == "inaccurate":
             text = "says inaccurate"
-        said.append(text)
-    grid = cells.assign(said=said).pivot(
+        claims.append(text)
+    grid = cells.assign(said=claims).pivot(
         index="problem", columns="solver", values="said"
     )
     order = [x for x in runs["problem"].unique() if x in grid.index]
@@ -729,7 +735,7 @@ def write_summary(
     timeouts = runs["status"][runs["outcome"] == "timeout"]
     template = Path(__file__).with_suffix(".md").read_text("utf-8")
     content = template.format(
-        sentences="".join(f"- {said}\n" for said in sentences(runs)),
+        sentences="".join(f"- {sentence_list}\n" for sentence_list in sentences(runs)),
         limits=" and ".join(f"{x:g}" for x in sorted(runs["time_limit"].unique())),
         timeouts=len(timeouts),
         not_run=timeouts.str.startswith("not run").sum(),

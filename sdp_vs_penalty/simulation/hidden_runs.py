@@ -140,11 +140,11 @@ def refuse_foreign(folder: Path, truth: Mapping[str, Any]) -> None:
     expected = json.loads(json.dumps(dict(truth)))
     if {key: content.get(key) for key in expected} == expected:
         return
-    shown = [f"{key} {content.get(key)}" for key in ("problem", "seed", "level")]
+    identifying = [f"{key} {content.get(key)}" for key in ("problem", "seed", "level")]
     differ = [key for key in expected if content.get(key) != expected[key]]
     differences = formatting.words([key.replace("_", " ") for key in differ])
     raise InputError(
-        f"holds the runs of another simulation ({', '.join(shown)}; it differs by"
+        f"holds the runs of another simulation ({', '.join(identifying)}; it differs by"
         f" {differences})",
         "name another folder, or remove this one",
         folder,

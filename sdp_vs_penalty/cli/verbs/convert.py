@@ -133,10 +133,10 @@ def _what_is_open(
         return None, True
     remedies = list_remedies([replace(report, issues=issues)])
     words = next_command(remedies, Files(command))
-    shown = tuple(
+    open_columns = tuple(
         x
         for x in issues
         if x.severity == "error" or x.is_torque_unit or x.apply in (words or ())
     )
-    printing.checks([replace(report, issues=shown)], command)
+    printing.checks([replace(report, issues=open_columns)], command)
     return words, not report.meaningless

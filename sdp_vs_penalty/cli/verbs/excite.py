@@ -41,24 +41,24 @@ def verb(
     """
     default_duration = 2.0 if payload and not separate else 21.0
     default_iterations = 200 if separate else 60
-    how: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "duration": duration or default_duration,
         "iterations": iterations or default_iterations,
         "seed": seed,
     }
     if separate is not None:
-        return _separate(Path(problem), separate, out, urdf, level=level, **how)
+        return _separate(Path(problem), separate, out, urdf, level=level, **settings)
     if payload:
-        return _payload(Path(problem), joints, out, **how)
+        return _payload(Path(problem), joints, out, **settings)
     if for_ is not None:
-        del how["iterations"]  # motions are drawn and compared
-        return _shorten(Path(problem), for_, data, out, **how)
+        del settings["iterations"]  # motions are drawn and compared
+        return _shorten(Path(problem), for_, data, out, **settings)
     from sdp_vs_penalty.cli.runs import problem_from_options
     from sdp_vs_penalty.estimation.excitation import excite
 
     with console.progress("excitation") as progress:
         robot = problem_from_options(problem, hold=hold) if hold else problem
-        excitation = excite(robot, progress=progress, **how)
+        excitation = excite(robot, progress=progress, **settings)
     excitation.save(out)
     console.say(
         f"condition number of the base regressor: {excitation.history[0]:.1f} at the start, "

@@ -63,9 +63,9 @@ def verb(
     estimate = load_estimate(model)
     x, y, z = numbers("--flange", flange or "0,0,0", 3)
     if samples is not None:
-        how = {"urdf": urdf, "mjcf": mjcf, "force": force, "flange": (x, y, z)}
+        options = {"urdf": urdf, "mjcf": mjcf, "force": force, "flange": (x, y, z)}
         drawing = {"prior": prior, "seed": seed, "longer": longer}
-        return _samples(estimate, out, samples, drawing, data, window, **how)
+        return _samples(estimate, out, samples, drawing, data, window, **options)
     if refit and data is None:
         raise InputError("--refit", "name the runs to identify from with --data")
     lost = effects_left_out(estimate, out)
@@ -118,11 +118,11 @@ def _samples(
     runs = judging_runs(estimate, data, window)
     measured = None if runs is None else runs.train
     with console.progress("sampling"):
-        found = find_samples(estimate, n, measured, **drawing)
-    for k, theta in enumerate(found.theta, start=1):
+        samples = find_samples(estimate, n, measured, **drawing)
+    for k, theta in enumerate(samples.theta, start=1):
         path = out.with_name(f"{out.stem}.{k:03d}{out.suffix}")
         write_model(estimate.with_theta(theta), path, **how)
-    console.say(found.sentence)
+    console.say(samples.sentence)
     console.written(out.with_name(f"{out.stem}.001{out.suffix}"), f"and {n - 1} more")
 
 

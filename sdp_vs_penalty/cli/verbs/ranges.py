@@ -52,7 +52,7 @@ def verb(
     if next_ is not None:
         names.append(next_)
     with console.progress("ranges") as progress:
-        found = find_ranges(
+        ranges = find_ranges(
             estimate,
             measurements,
             names,
@@ -67,14 +67,14 @@ def verb(
     worth = None
     if next_ is not None:
         worth = what_to_measure(estimate, next_, measurements, level=level)
-        console.paragraph(found[next_].sentence)
+        console.paragraph(ranges[next_].sentence)
         console.paragraph(worth_sentence(worth))
-    printing.allowed(found)
-    if worth is None and found.widest is not None:
-        name = found.widest.name
+    printing.allowed(ranges)
+    if worth is None and ranges.widest is not None:
+        name = ranges.widest.name
         option = shlex.join(["--next", name])
         console.paragraph(f"What would shorten the range of {name}: add {option}.")
-    console.save_json(json_, found.to_dict())
+    console.save_json(json_, ranges.to_dict())
     if band is not None:
         console.table(torque_band(estimate, band, measurements).table())
     if worth is not None:

@@ -37,8 +37,8 @@ def verb(
         path.name if short else str(path): model_from_options(path, gravity)
         for path in models
     }
-    how: dict[str, Any] = {"findings": findings, "forward": forward}
-    how["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]
+    settings: dict[str, Any] = {"findings": findings, "forward": forward}
+    settings["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
         named = NamedRuns(data, window, as_written)
         runs_given = runs_for(next(iter(estimates.values())), named)
@@ -48,7 +48,7 @@ def verb(
             out,
             noise_from=runs_given.judged_recordings,
             progress=progress,
-            **how,
+            **settings,
         )
     printing.verdict(summary, list(estimates)[-1])
     console.written(out, "open it in a browser")

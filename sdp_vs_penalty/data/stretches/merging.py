@@ -57,8 +57,8 @@ class Interpolation:
         """(N,) place of the sample that is nearest in time."""
         after = np.clip(self.after, 0, len(self.other) - 1)
         before = np.maximum(after - 1, 0)
-        far = np.abs(self.other[[before, after]] - self.clock)
-        return np.where(far[0] <= far[1], before, after)
+        distances = np.abs(self.other[[before, after]] - self.clock)
+        return np.where(distances[0] <= distances[1], before, after)
 
     @cached_property
     def distances(self) -> Array:
@@ -86,17 +86,17 @@ class Interpolation:
         weights = np.where(is_even, _lagrange(x, t[inside]), 0.0)
         line = _lagrange(x, t[inside[1:3]])
         weights[1:3] = np.where(is_even, weights[1:3], line)
-        around = np.asarray(samples[inside])  # (4, K, ...)
-        return np.asarray(np.einsum("ik,ik...->k...", weights, around))
+        neighbours = np.asarray(samples[inside])  # (4, K, ...)
+        return np.asarray(np.einsum("ik,ik...->k...", weights, neighbours))
 
 
 def _lagrange(x: Array, nodes: Array) -> Array:
     """Return the weights (k, K) of k samples at ``nodes`` (k, K) in the polynomial
     through them at x (K,), w_i = prod_{j != i} (x - x_j) / (x_i - x_j); 0 where two
     nodes are equal."""
-    apart = nodes[:, None] - nodes
-    apart[apart == 0.0] = np.inf
-    factors = (x - nodes) / apart
+    differences = nodes[:, None] - nodes
+    differences[differences == 0.0] = np.inf
+    factors = (x - nodes) / differences
     k = np.arange(len(nodes))
     factors[k, k] = 1.0
     return np.asarray(factors.prod(axis=1))

@@ -192,8 +192,10 @@ def figure_7(study: Study) -> Any:
                 # Errors of position and angle below 1e-16 are rounding and are drawn
                 # there [m, rad].
                 t = run.t + run.t[0]
-                shown = 1e3 * (values + 1e-16)
-                axis.semilogy(t, shown, label=run.engine, **style.LOOKS[run.engine])
+                thousandths = 1e3 * (values + 1e-16)
+                axis.semilogy(
+                    t, thousandths, label=run.engine, **style.LOOKS[run.engine]
+                )
         column[0].set_title(name)
         column[1].set_xlabel("time [s]")
     axes[0, 0].set_ylabel("position error [mm]")

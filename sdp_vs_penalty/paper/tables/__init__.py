@@ -138,8 +138,8 @@ def _folder(table: StudyTable, out: Path) -> Path:
     A table without measured figures never replaces one with them: it goes to the
     subfolder "simulated".
     """
-    there = out / f"table_{table.name}.csv"
-    if table.measured or not there.is_file():
+    existing = out / f"table_{table.name}.csv"
+    if table.measured or not existing.is_file():
         return out
-    held = StudyTable("", pandas.read_csv(there, dtype=str, keep_default_na=False))
+    held = StudyTable("", pandas.read_csv(existing, dtype=str, keep_default_na=False))
     return out / "simulated" if held.measured else out

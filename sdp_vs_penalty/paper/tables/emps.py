@@ -175,7 +175,11 @@ def simulated(
         out[k] = q
         for _ in range(substeps):
             # Without dry friction, which then slows it down, at most to rest.
-            free = v + h * (force - offset - viscous * v - asymmetric * abs(v)) / mass
-            v = np.sign(free) * max(abs(free) - h * coulomb / mass, 0.0)
+            without_friction = (
+                v + h * (force - offset - viscous * v - asymmetric * abs(v)) / mass
+            )
+            v = np.sign(without_friction) * max(
+                abs(without_friction) - h * coulomb / mass, 0.0
+            )
             q += h * v
     return out

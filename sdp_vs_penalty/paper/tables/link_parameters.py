@@ -138,8 +138,10 @@ def _ends(study: Study, data: Data, names: tuple[str, ...]) -> dict[str, pandas.
     )
     theta = study.theta(DEFAULT_METHOD, data)
     allowed = allowed_set(posed, theta)
-    found = {r.name: r for r in ranges_of(posed, theta, allowed, names).ranges}
-    ends = {side: [getattr(found[name], side) for name in names] for side in _SIDES}
+    range_by_name = {r.name: r for r in ranges_of(posed, theta, allowed, names).ranges}
+    ends = {
+        side: [getattr(range_by_name[name], side) for name in names] for side in _SIDES
+    }
     return {
         side: pandas.Series(
             ["open" if np.isinf(end.value) else end.value for end in of_side],

@@ -169,10 +169,10 @@ def results_of(draw: Draw) -> dict[str, dict[str, Any]]:
     95 % interval about the estimate holds the truth.
     """
     content = (source_version(), VERSION, draw)
-    found: dict[str, dict[str, Any]] = load_or_compute(
+    results: dict[str, dict[str, Any]] = load_or_compute(
         "monte-carlo", content, partial(_identify_from, draw)
     )
-    return found
+    return results
 
 
 def _identify_from(draw: Draw) -> dict[str, dict[str, Any]]:

@@ -244,8 +244,8 @@ def search_table(study: Study, optima: pandas.DataFrame) -> pandas.DataFrame:
     ]
     study.progress(f"searches, {data.label}")
     rows = list[Row]()
-    found = study.workers.map(partial(_runs_of, task), plans)
-    for (name, _), points in zip(plans, found, strict=True):
+    points_of_plans = study.workers.map(partial(_runs_of, task), plans)
+    for (name, _), points in zip(plans, points_of_plans, strict=True):
         for point in points:
             lower = bounds[data.label, name, point.xi]
             above = None
@@ -364,21 +364,23 @@ def retrieved(study: Study) -> StudyTable:
     """p_hat table: the published links against the certified optimum of their own
     objective.
     """
-    found = study.once(retrieval)
-    row_of = partial(_row_of_links, found)
+    result = study.once(retrieval)
+    row_of = partial(_row_of_links, result)
     rows = [
-        row_of("p_hat (published links)", found.p_hat, found.task),
-        row_of("certified optimum, bounds as published", found.best.theta, found.task)
-        | {"lower_bound": found.best.lower, "gap": found.best.gap},
-        row_of("certified optimum, c5z > -0.35 m", found.wider.theta, found.their_task)
-        | {"lower_bound": found.wider.lower, "gap": found.wider.gap},
+        row_of("p_hat (published links)", result.p_hat, result.task),
+        row_of("certified optimum, bounds as published", result.best.theta, result.task)
+        | {"lower_bound": result.best.lower, "gap": result.best.gap},
+        row_of(
+            "certified optimum, c5z > -0.35 m", result.wider.theta, result.their_task
+        )
+        | {"lower_bound": result.wider.lower, "gap": result.wider.gap},
     ]
     for row in rows:
         row["data"] = f"published; torque along the {study.whole[-1].label} run"
     return StudyTable(
         "The published links and the optimum of the authors' own objective",
         rows,
-        notes("p_hat", n=len(found.distance.rho)),
+        notes("p_hat", n=len(result.distance.rho)),
         caption=(
             "Targets, p_hat: published (erratum 1 corrected). Optima:"
             " computed. Torque: along the authors' run where it is at hand."

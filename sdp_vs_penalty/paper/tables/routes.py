@@ -215,10 +215,10 @@ def _rows(study: Study, name: str) -> list[Row]:
 
 def _runs(name: str) -> Measurements:
     """Return the chosen public runs of an arm; InputError where they are not at hand."""
-    found = measured_runs(name)
-    if not found:
+    files = measured_runs(name)
+    if not files:
         raise InputError(
             f"table arms is about real runs, and those of {name} are not at hand",
             "name the folder of the measurements by SDP_VS_PENALTY_DATA",
         )
-    return concatenate([found[run] for run in RUNS[name] or found])
+    return concatenate([files[run] for run in RUNS[name] or files])

@@ -139,7 +139,7 @@ def fit_sigmoid(
     high = np.repeat([np.log(STEEPEST), LARGEST_SHIFT], n)
     low = np.repeat([np.log(FLATTEST), -LARGEST_SHIFT], n)
     for _ in range(2):
-        found = scipy.optimize.least_squares(
+        solution = scipy.optimize.least_squares(
             lambda y, w=weights: data.projected(y, w)[0],
             y,
             lambda y, w=weights: data.projected(y, w)[1],
@@ -148,7 +148,7 @@ def fit_sigmoid(
             **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-14),
             max_nfev=100,
         )
-        y = found.x
+        y = solution.x
         # Weights with mean logarithm zero; a residual of rounding counts as that much.
         rounding = 1e-12 * float(np.abs(data.torque).max())
         residual = data.projected(y, weights)[0].reshape(-1, n) / weights

@@ -42,13 +42,15 @@ def exciting_trajectory(study: Study) -> StudyTable:
         cells = dict(zip(columns, (name, *map(float, values)), strict=False))
         rows.append({**cells, "trajectory": trajectory})
 
-    found = {name: excitation.trajectory for name, excitation in optimum.items()}
-    for which, trajectory in found.items():
+    optimised_trajectories = {
+        name: excitation.trajectory for name, excitation in optimum.items()
+    }
+    for which, trajectory in optimised_trajectories.items():
         for letter, harmonics in (("a", trajectory.a), ("b", trajectory.b)):
             for k, values in enumerate(harmonics.T, start=1):
                 add(f"{letter}_{k}", which, values)
         add("q_0", which, trajectory.q_0)
-    trajectories = {"published": paper, **found}
+    trajectories = {"published": paper, **optimised_trajectories}
     # Condition numbers of the regressor along each trajectory.
     for label, effects in (("links", "rigid_body"), ("links and friction", None)):
         regressor = Regressor.from_problem(study.problem, effects)
@@ -91,11 +93,11 @@ def optimised(study: Study) -> dict[str, Excitation]:
         "within the paper's extremes": Limits.from_trajectory(paper),
         "within the robot's limits": Limits.from_robot(problem.robot),
     }
-    how: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "iterations": study.effort.iterations,
         "progress": study.progress,
     }
     return {
-        name: excite(problem, limits=limit, start=paper, **how)
+        name: excite(problem, limits=limit, start=paper, **settings)
         for name, limit in limits.items()
     }

@@ -186,9 +186,9 @@ def _follow(kind: type[Engine], commanded: Commanded) -> dict[str, Array]:
     torque, pose = kind(commanded.robot, commanded.links).follow(
         q[0], np.diff(q, axis=0) / step, step
     )
-    there = commanded.poses
-    distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
-    relative = np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
+    commanded_poses = commanded.poses
+    distance = np.linalg.norm(pose[:, :3, 3] - commanded_poses[:, :3, 3], axis=1)
+    relative = np.swapaxes(commanded_poses[:, :3, :3], 1, 2) @ pose[:, :3, :3]
     turned = scipy.spatial.transform.Rotation.from_matrix(relative)
     return {"torque": torque, "position": distance, "angle": turned.magnitude()}
 

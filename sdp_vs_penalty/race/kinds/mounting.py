@@ -48,8 +48,10 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         if not np.allclose(transform.gravity, gravity):
             yield Hypothesis(kind, (), prior, transform)
             for share in _SUBTRACTED:
-                left = np.array(transform.gravity) - share * gravity
-                yield Hypothesis(kind, (), 2.0 * prior, _with_gravity(transform, left))
+                reduced = np.array(transform.gravity) - share * gravity
+                yield Hypothesis(
+                    kind, (), 2.0 * prior, _with_gravity(transform, reduced)
+                )
     if not is_of_earth:
         return
     # A direction that is claimed already is not another mistake.
@@ -60,8 +62,10 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return
     nominal = _of_nominal_links(evidence, fit)
     if gravity @ nominal < size * _EARTH * np.cos(_FIRST_ORDER):
-        far = evidence.fit(_with_direction(fit.view, nominal), fit.rows_worth_one)
-        yield _tilted(evidence, far, odds)
+        turned_fit = evidence.fit(
+            _with_direction(fit.view, nominal), fit.rows_worth_one
+        )
+        yield _tilted(evidence, turned_fit, odds)
 
 
 def _of_nominal_links(evidence: Evidence, fit: ViewFit) -> Array:

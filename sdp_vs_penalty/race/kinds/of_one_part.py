@@ -143,10 +143,10 @@ def confined(
         if transform.followed_by(as_logged) != transform:
             continue
         odds = hypothesis.log_prior - odds_against
-        alone = replace(hypothesis, log_prior=odds, tells_by_friction=False)
+        in_part = replace(hypothesis, log_prior=odds, tells_by_friction=False)
         for part in parts:
             if part.run is not None or hypothesis.kind in _WITHIN_A_RUN:
-                yield replace(alone, part=part)
+                yield replace(in_part, part=part)
 
 
 def another_arm(evidence: Evidence, fit: ViewFit) -> ExtraTorque | None:
@@ -163,19 +163,19 @@ def friction_of(evidence: Evidence, fit: ViewFit, j: int) -> ExtraTorque:
     """Return the extra torque of joint j's friction: dry friction of several widths, and
     viscous; see the module's equation."""
     log, transform = evidence.log, fit.transform
-    own = log.data.own_columns[transform.order[j]] * np.sign(transform.scale[j])
-    dry, velocity = own[:, [DRY]], own[:, [VISCOUS]]
+    own_columns = log.data.own_columns[transform.order[j]] * np.sign(transform.scale[j])
+    dry, velocity = own_columns[:, [DRY]], own_columns[:, [VISCOUS]]
     velocity = velocity / nonzero_or_one(float(np.sqrt(np.mean(velocity**2))))
-    others = np.column_stack([velocity, own[:, [DRY - 1, DRY + 1]]])
+    others = np.column_stack([velocity, own_columns[:, [DRY - 1, DRY + 1]]])
     of_friction = np.column_stack([dry, others - dry])
-    beside = np.column_stack([of_friction, own[:, [ROTOR, OFFSET]]])
+    columns_of_joint = np.column_stack([of_friction, own_columns[:, [ROTOR, OFFSET]]])
     torque = log.unexplained(transform, fit.links)[j]
-    present = float(min_norm_lstsq(beside, torque)[0])
+    dry_friction = float(min_norm_lstsq(columns_of_joint, torque)[0])
     columns = np.zeros((log.n, *of_friction.shape))
     columns[j] = of_friction
     rms = float(np.sqrt(np.mean(torque**2)))
     sd = np.full(of_friction.shape[1], _SHARE_OF_TORQUE * rms)
-    return ExtraTorque(columns, sd, usual=c.USUAL_FRICTION * abs(present))
+    return ExtraTorque(columns, sd, usual=c.USUAL_FRICTION * abs(dry_friction))
 
 
 def loads_on_last_link(

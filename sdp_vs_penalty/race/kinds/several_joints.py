@@ -109,9 +109,9 @@ def _worst_spans(evidence: Evidence, fit: ViewFit) -> list[Part]:
     squared residual; spans that a force explains already do not count."""
     t = evidence.log.data.motion.t
     errors = fit.weights @ evidence.residual(fit) ** 2  # (M,)
-    for taken in fit.view.extra_torques:
-        if taken.span is not None:
-            errors[evidence.rows_of(taken.span)] = 0.0
+    for explained in fit.view.extra_torques:
+        if explained.span is not None:
+            errors[evidence.rows_of(explained.span)] = 0.0
     summed = np.concatenate([[0.0], np.cumsum(errors)])
     spans = []
     for seconds in _SPANS:

@@ -184,8 +184,8 @@ def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[
     for k in channels_last:
         acts_on = world
         if hidden[k].acts_on_channels:
-            so_far = sum(torque_by_effect.values(), 0.0)
-            acts_on = replace(world, more=world.more + so_far)
+            others = sum(torque_by_effect.values(), 0.0)
+            acts_on = replace(world, more=world.more + others)
         torque_by_effect[k] = hidden[k].torque(acts_on, motion)
     return [torque_by_effect[k] for k in range(len(hidden))]
 
@@ -1005,8 +1005,8 @@ def _payload(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make a payload: a ball of 5 cm radius at a random place on the last link. The
     size is its mass [kg]; the joint is not used."""
     last_link = drawing_world.arm.model.jointPlacements[-1].translation
-    reach = float(np.linalg.norm(last_link)) + 0.05
-    centre = rng.uniform(-0.5, 0.5, 3) * reach
+    farthest = float(np.linalg.norm(last_link)) + 0.05
+    centre = rng.uniform(-0.5, 0.5, 3) * farthest
 
     def added_torque(world: World, motion: TrueMotion, mass: float) -> Array:
         """Return the added torque (N, n) [N m, N] at this size."""
