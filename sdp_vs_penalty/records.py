@@ -248,8 +248,8 @@ def _with_defaults(kind: Any, value: Any) -> Any:
 
 
 def _fields_with_defaults(kind: Any, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a record's fields, by their names in the record, as
-    :func:`_with_defaults` says."""
+    """Return the JSON fields ``data`` of a record by today's names, each treated by
+    :func:`_with_defaults`; fields that are null and have a default are left out."""
     if issubclass(kind, JsonRecord):
         data = kind.upgraded(data)
     kinds = _kinds(kind)

@@ -184,7 +184,12 @@ class WrittenInertial:
         return not inertia.why_impossible(centred) and not self.misfit(barycentric)
 
     def plausibility(self, barycentric: Array) -> float:
-        """Return the logarithm of the prior of a consistent link, 0 for the likeliest."""
+        """Return the log prior [nats] of a consistent link (10,), 0 for the likeliest.
+
+        It is Gaussian in logarithms: of the density and the length over the thickness of
+        the link's ellipsoid; and, where its shapes are known, of the second moments and
+        the density over those of the box around them, filled evenly.
+        """
         moments = _second_moment(barycentric)
         sizes = np.maximum(np.linalg.eigvalsh(moments), _THIN**2)
         volume = 4.0 / 3.0 * np.pi * float(np.prod(np.sqrt(5.0 * sizes)))
@@ -192,12 +197,11 @@ class WrittenInertial:
         aspect = np.log(sizes[-1] / sizes[0]) / 2.0 / _ASPECT_SPREAD
         terms = [density, aspect]
         if self.shape is not None:
-            evenly = np.ptp(self.shape @ self.rotation, axis=0) ** 2 / 12.0
-            ratios = np.maximum(np.diagonal(moments), _THIN**2) / np.maximum(
-                evenly, _THIN**2
-            )
+            extent = np.ptp(self.shape @ self.rotation, axis=0)
+            of_box = np.maximum(extent**2 / 12.0, _THIN**2)  # second moments over mass
+            ratios = np.maximum(np.diagonal(moments), _THIN**2) / of_box
             terms += list(np.log(ratios) / _FILLING_SPREAD)
-            volume = float(np.prod(np.sqrt(12.0 * np.maximum(evenly, _THIN**2))))
+            volume = float(np.prod(np.sqrt(12.0 * of_box)))
             filling = np.log(barycentric[0] / volume / _BOX_DENSITY)
             terms.append(filling / _BOX_DENSITY_SPREAD)
         return -0.5 * float(np.square(terms).sum())

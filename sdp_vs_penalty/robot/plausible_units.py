@@ -102,8 +102,8 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
         units = _length_units(longest, _SHORTEST_ARM, _LONGEST_ARM)
         lengths = list(units)
         scale = 1.0 / lengths[0]
-        how = f"joints are {longest:.4g} m apart"
-        yield _odd("lengths", links=(), how=how, units=units)
+        evidence = f"joints are {longest:.4g} m apart"
+        yield _odd("lengths", links=(), evidence=evidence, units=units)
     size = max(longest * scale, 0.05)
     masses = [x.mass for x in known]
     total = sum(masses)
@@ -117,18 +117,22 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
         if x.mass > heaviest or are_all_in_grams or _outweighs(x, known)
     ]
     if in_grams:
-        how = f"a link weighs {max(x.mass for x in in_grams):.4g} kg"
-        yield _odd("masses", links=_names(in_grams), how=how, units={1e3: "g"})
+        evidence = f"a link weighs {max(x.mass for x in in_grams):.4g} kg"
+        yield _odd(
+            "masses", links=_names(in_grams), evidence=evidence, units={1e3: "g"}
+        )
     centres = list(_odd_centres(known, size))
     yield from centres
     if centres and centres[0].factor is not None:
         lengths = lengths or [centres[0].factor]
     yield from _odd_inertias(known, size, bool(in_grams), lengths)
     if known and total < _LIGHTEST:
-        how = f"all links together weigh {total:.3g} kg: no drive shows such masses."
+        evidence = (
+            f"all links together weigh {total:.3g} kg: no drive shows such masses."
+        )
         remedy = "check the unit of the masses (kg)"
         names = _names(known)
-        yield OddUnit("masses", factor=total, links=names, what=how, remedy=remedy)
+        yield OddUnit("masses", factor=total, links=names, what=evidence, remedy=remedy)
 
 
 def odd_limits(joints: Sequence[Joint]) -> str:
@@ -210,10 +214,10 @@ def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
     far = [x for x in links if x.com > max(_FAR * size, _AWAY)]
     if far:
         farthest = max(x.com for x in far)
-        how = f"a centre of mass is {farthest:.4g} m from its link's frame"
+        evidence = f"a centre of mass is {farthest:.4g} m from its link's frame"
         # The farthest centre of mass is at least a tenth of the robot's size away.
         units = _length_units(farthest, 0.1 * size, size)
-        yield _odd("centres of mass", links=_names(far), how=how, units=units)
+        yield _odd("centres of mass", links=_names(far), evidence=evidence, units=units)
 
 
 def _odd_inertias(
@@ -236,11 +240,13 @@ def _odd_inertias(
     # its square; where masses are in g, a thousand times more.
     excess = (float(np.median(radii)) / (0.3 * size)) ** 2
     excess *= 1e3 if are_masses_in_grams else 1.0
-    how = f"the mass of a link is spread over {max(radii):.4g} m (radius of gyration)"
+    evidence = (
+        f"the mass of a link is spread over {max(radii):.4g} m (radius of gyration)"
+    )
     units = _inertia_units(excess, are_masses_in_grams)
     coherent = [(1e3 if are_masses_in_grams else 1.0) * x**2 for x in lengths]
     units = {x: units[x] for x in coherent if x in units} or units
-    yield _odd("inertias", _names(spread_out), how, units)
+    yield _odd("inertias", _names(spread_out), evidence, units)
 
 
 def _inertia_units(excess: float, are_masses_in_grams: bool) -> dict[float, str]:
@@ -274,24 +280,24 @@ def _radius(link: LinkSizes) -> float:
 
 
 def _odd(
-    quantity: str, links: tuple[str, ...], how: str, units: Mapping[float, str]
+    quantity: str, links: tuple[str, ...], evidence: str, units: Mapping[float, str]
 ) -> OddUnit:
     """Return an OddUnit with its sentences; its factor is that of the likeliest unit,
     and None if no unit fits.
 
-    ``how``: what shows it; ``units``: in which the quantity may be, by how many of them
-    are one SI unit, the likeliest first.
+    ``evidence``: what shows it, in words; ``units``: those that the quantity may be in, the
+    likeliest first, by how many of them are one SI unit.
     """
     where = f" ({', '.join(links)})" if links else ""
     factor = next(iter(units), None)
     if not units:
-        what = f"the {quantity}{where} are in a unit that is not known: {how}."
+        what = f"the {quantity}{where} are in a unit that is not known: {evidence}."
         return OddUnit(
             quantity, factor, links, what, f"check the unit of the {quantity}"
         )
     names = " or ".join(units.values())
     factors = " or ".join(f"{value:g}" for value in units)
-    what = f"the {quantity}{where} look like {names}, {factors} times too large: {how}."
+    what = f"the {quantity}{where} look like {names}, {factors} times too large: {evidence}."
     remedy = f"divide the {quantity} by {factors}"
     if len(units) > 1:
         choices = ", ".join(f"{value:g} for {name}" for value, name in units.items())

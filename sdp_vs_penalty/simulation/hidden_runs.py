@@ -338,7 +338,7 @@ def _plan(
     link_error: float = 0.0,
 ) -> Plan:
     """Draw the motions and size the effects of :func:`hidden_runs`, which has the same
-    arguments; each effect has the shape constants that were given, by name.
+    arguments; each effect has the shape constants that are chosen, by name.
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
@@ -363,11 +363,11 @@ def _plan(
         for k, trajectory in enumerate(trajectories)
     ]
     hidden = []
-    for name, joints, given in effects:
+    for name, joints, shape_constants in effects:
         hidden += _sized_effects(
             name,
             joints,
-            given,
+            shape_constants,
             problem=problem,
             links=setup.links,
             world=world,
@@ -414,7 +414,7 @@ def _hash_of_robot(problem: Problem, setup: Experiment) -> str:
 def _sized_effects(
     name: str,
     joints: Sequence[int],
-    given: Mapping[str, float],
+    shape_constants: Mapping[str, float],
     *,
     problem: Problem,
     links: Array,
@@ -426,8 +426,8 @@ def _sized_effects(
     """Make one effect on each of its joints, scaled so that its torque has ``factor``
     times the RMS of the sensor noise.
 
-    ``joints`` count from 0, ``given`` are shape constants. If no joint is named, the
-    effect is made on every joint on which it can act, and left out where it makes no
+    ``joints`` count from 0; ``shape_constants`` are those that are not drawn. If no joint is
+    named, the effect is made on every joint on which it can act, and left out where it makes no
     torque. Raises InputError for an effect that cannot be simulated, or that makes no
     torque on a joint that was named.
     """
@@ -441,10 +441,12 @@ def _sized_effects(
     for joint in joints or all_joints:
         if name in MAKERS:
             unsized = make_hidden(name, world, joint, rng)
-            if given:
-                unsized = _with_constants(unsized, given, problem, links)
+            if shape_constants:
+                unsized = _with_constants(unsized, shape_constants, problem, links)
         else:
-            unsized = _hidden_by_its_class(kind(problem.robot, [joint], **given), links)
+            unsized = _hidden_by_its_class(
+                kind(problem.robot, [joint], **shape_constants), links
+            )
         sized = unsized.sized(world, motions, factor)
         if sized is not unsized:
             sized_effects.append(sized)
@@ -457,19 +459,19 @@ def _sized_effects(
 
 
 def _with_constants(
-    drawn: Hidden, given: Mapping[str, float], problem: Problem, links: Array
+    drawn: Hidden, shape_constants: Mapping[str, float], problem: Problem, links: Array
 ) -> Hidden:
-    """Return an effect with the shape constants that were given, and the others as they
+    """Return an effect with some shape constants chosen, and the others as they
     were drawn; its torque comes from the library's class. Raises InputError for a
     constant that is not drawn, or that depends on a law that is drawn."""
     kind = effect_types()[drawn.effect]
     known = () if kind.joins else tuple(drawn.shape)
-    if unknown := sorted(given.keys() - known):
+    if unknown := sorted(shape_constants.keys() - known):
         raise InputError(
             f"{drawn.effect}: {', '.join(unknown)} cannot be chosen in a simulation",
             f"choose {formatting.words(known)}" if known else "leave it out",
         )
-    effect = kind(problem.robot, drawn.joints, **{**drawn.shape, **given})
+    effect = kind(problem.robot, drawn.joints, **{**drawn.shape, **shape_constants})
     return replace(
         _hidden_by_its_class(effect, links), acts_on_channels=drawn.acts_on_channels
     )

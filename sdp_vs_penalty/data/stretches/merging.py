@@ -32,10 +32,10 @@ class Interpolation:
     rounded.
     """
 
-    #: (N,) stamps at which values are wanted [s].
+    #: (N,) stamps of the other clock, at which values are interpolated [s].
     clock: Array
     #: (M,) stamps of the samples in the order of time [s].
-    other: Array
+    stamps: Array
     #: Distance within which the nearest sample says enough [s].
     within: float
 
@@ -43,40 +43,40 @@ class Interpolation:
     def longest_step(self) -> float:
         """Time between two samples [s] above which one is lost between them; 0 where
         stamps repeat, so that they do not tell when samples were taken."""
-        steps = np.diff(self.other)
-        is_rounded = np.sum(steps == 0.0) > _ROUNDED * len(self.other)
-        return 0.0 if is_rounded else _LOST * usual_distance(self.other)
+        steps = np.diff(self.stamps)
+        is_rounded = np.sum(steps == 0.0) > _ROUNDED * len(self.stamps)
+        return 0.0 if is_rounded else _LOST * usual_distance(self.stamps)
 
     @cached_property
     def after(self) -> Indices:
         """(N,) place of the first sample that is not before a stamp."""
-        return np.searchsorted(self.other, self.clock)
+        return np.searchsorted(self.stamps, self.clock)
 
     @cached_property
     def nearest(self) -> Indices:
         """(N,) place of the sample that is nearest in time."""
-        after = np.clip(self.after, 0, len(self.other) - 1)
+        after = np.clip(self.after, 0, len(self.stamps) - 1)
         before = np.maximum(after - 1, 0)
-        distances = np.abs(self.other[[before, after]] - self.clock)
+        distances = np.abs(self.stamps[[before, after]] - self.clock)
         return np.where(distances[0] <= distances[1], before, after)
 
     @cached_property
     def distances(self) -> Array:
         """(N,) time to the nearest sample [s]."""
-        return np.abs(self.other[self.nearest] - self.clock)
+        return np.abs(self.stamps[self.nearest] - self.clock)
 
     @cached_property
     def is_known(self) -> Mask:
-        """(N,) whether the samples say the value: one is near, or both neighbours are a
-        usual step apart."""
-        steps = np.diff(self.other, prepend=-np.inf, append=np.inf)[self.after]
+        """(N,) whether a stamp's value is known: a sample is near in time, or no sample is
+        lost between the two around it."""
+        steps = np.diff(self.stamps, prepend=-np.inf, append=np.inf)[self.after]
         return (self.distances <= self.within) | (steps <= self.longest_step)
 
     def values(self, samples: Array, rows: Indices | slice = slice(None)) -> Array:
         """Return the values (K, ...) of samples (M, ...) at some of the stamps."""
         if not self.longest_step or not self.distances[rows].any():
             return np.asarray(samples[self.nearest[rows]])
-        t, x, last = self.other, self.clock[rows], len(self.other) - 1
+        t, x, last = self.stamps, self.clock[rows], len(self.stamps) - 1
         # (4, K) places of the samples around each stamp; the outer two count where no
         # sample is lost beside them.
         places = np.clip(self.after[rows], 1, last) + np.arange(-2, 2)[:, None]

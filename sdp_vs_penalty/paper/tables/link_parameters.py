@@ -76,7 +76,7 @@ def _bounds_as_printed(study: Study) -> pandas.DataFrame:
 
 
 def link_table(
-    study: Study, name: str, title: str, chosen: Callable[[str], bool]
+    study: Study, name: str, title: str, is_in_table: Callable[[str], bool]
 ) -> StudyTable:
     """Build a table of link parameters about the centres of mass.
 
@@ -90,12 +90,12 @@ def link_table(
         The robot's data sets and every method's estimate, computed on demand.
     name : str
         Name of the table, such as "VIII".
-    chosen : callable
+    is_in_table : callable
         Whether an entry, by its name, is in the table.
     """
     rows = _bounds_as_printed(study)
     columns = [*rows.columns, *study.compared_columns]
-    rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
+    rows = rows[rows.index.map(is_in_table).to_numpy(bool)].assign(
         nominal=by_name(study.problem.nominal_links)
     )
     rows["true_simulated"] = by_name(study.experiment.links)
@@ -200,7 +200,7 @@ def _table_spec(name: str, title: str, first_letters: str, *problems: str) -> Ta
         link_table,
         name=name,
         title=title,
-        chosen=lambda parameter: parameter[0] in first_letters,
+        is_in_table=lambda parameter: parameter[0] in first_letters,
     )
     return TableSpec(
         name, f"Table {name}: {title}, published and ours.", build, problems

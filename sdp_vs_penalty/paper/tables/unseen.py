@@ -93,11 +93,12 @@ def data_needed(study: Study) -> StudyTable:
 def _windows(
     data: Data, most_windows: int, cell: float
 ) -> Callable[[int], list[_Window]]:
-    """Return a function that cuts training windows of a length from the motion.
+    """Return a function that cuts windows of a length from the motion, each with rows to
+    train on and rows to test on.
 
-    The motion's period, or all of it, is cut into cells of ``cell`` seconds. A window takes
-    consecutive cells with all their repetitions; it is judged on the test rows, or on the
-    cells beyond the filters' reach where there are none.
+    The motion's period is cut into cells; a window trains on consecutive cells, with all
+    their repetitions. Where the data have no test rows, it is tested on the cells that the
+    filters keep apart from these.
 
     Parameters
     ----------
@@ -113,25 +114,25 @@ def _windows(
     """
     all_phases = phase_folds(data.train, data.preprocessing, 1)
     count = round(all_phases.clocks[0].length / cell)  # cells in a period
-    clear = math.ceil(all_phases.guard / cell)  # cells that the filters reach
+    gap = math.ceil(all_phases.guard / cell)  # cells that the filters reach
     split = PhaseFolds(all_phases.clocks, count)
     runs = FilteredRuns.filtering(data.train, data.preprocessing)
     cells = compress_cells(runs, data.model, split)
     starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
 
-    def chosen(length: int) -> list[_Window]:
+    def cut(length: int) -> list[_Window]:
         """Return pairs of training and test rows: windows of this length [s], from each
         start."""
         size = round(length / cell)
         windows = []
         for start in starts:
             phases = (start + np.arange(count)) % count  # all cells from the start on
-            beyond = cells.select(phases[size + clear : count - clear])
-            test = beyond if data.make_test is None else data.test_regression
+            outside = cells.select(phases[size + gap : count - gap])
+            test = outside if data.make_test is None else data.test_regression
             windows.append((cells.select(phases[:size]), test))
         return windows
 
-    return chosen
+    return cut
 
 
 def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Row:
