@@ -153,8 +153,8 @@ def _say_changes(
     if diagnosis is not None and helpful:
         lines = weak_companions(diagnosis)
         for line in lines:
-            said = "added, since the error on data left out falls with it"
-            console.paragraph(f"{said}: {line}")
+            reason = "added, since the error on data left out falls with it"
+            console.paragraph(f"{reason}: {line}")
         if lines:
             console.paragraph(
                 "To leave such findings out, name the others with --only."
