@@ -57,7 +57,8 @@ def chart_and_arm(
         optionally errors (F, n), 0 to 1, that colour the links.
     """
     with tag("div", style="pair"):
-        drawn = chart({}, label).classes("timed")
+        with tag("div", style="body"):  # what is said of the chart stands below it
+            drawn = chart({}, label).classes("timed")
         if not about["bodies"]:
             return drawn, lambda *_: None
         scene = ArmScene(view, about, caption, scale)

@@ -209,8 +209,9 @@ class _Fit:
             view, label, self.model.about, caption, scale=scale
         )
         self.chart.on("plotly_relayout", self.zoom)
-        self.legend = ui.html("", sanitize=False)
-        self.words = draw.tag("p", "", "words")
+        with self.chart.parent_slot:
+            self.legend = ui.html("", sanitize=False)
+            self.words = draw.tag("p", "", "words")
         _figures(self.model)
         with draw.details("Every figure of the model", "joints-table"):
             draw.judged([self.model])

@@ -519,8 +519,9 @@ def check(view: View) -> None:
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     thick = "Thick: corrected values. "
-    draw.note(f"{thick if mended else ''}Drag to look closer; Play moves the arm.")
-    clock = draw.tag("p", "", "soft")
+    with drawn.parent_slot:
+        draw.note(f"{thick if mended else ''}Drag to look closer; Play moves the arm.")
+        clock = draw.tag("p", "", "soft")
     look(first)
 
 
