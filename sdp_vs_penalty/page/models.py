@@ -46,7 +46,7 @@ def _acts_as(text: str, effect: str, joints: Collection[int]) -> bool:
 def since(begin: float, read: dict[str, Any]) -> dict[str, Any]:
     """Return the arrays of a run with its instants t and tf from ``begin`` on [s], which
     stands beside them."""
-    times = {name: read[name] - begin for name in ("t", "tf") if name in read}
+    times = {name: read[name] - begin for name in read if name in ("t", "tf")}
     return {**read, **times, "begin": np.array(begin)}
 
 

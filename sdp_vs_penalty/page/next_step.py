@@ -45,7 +45,7 @@ from sdp_vs_penalty.page.view import (
 from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render.diagnosis_words import SOME_ERROR_IS_LEFT, main_cause
 from sdp_vs_penalty.render.words import describe_unexplained
-from sdp_vs_penalty.results.remedy import SURE, Change, Remedy
+from sdp_vs_penalty.results.remedy import GUESSES, SURE, Change, Remedy
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def _of_runs(session: Session) -> NextStep:
     ]
     remedies = [_with_published_gains(session, x) for x in remedies]
     remedies.sort(key=lambda x: not _may_help(session, x.change.to_dict()))
-    remedy = next_remedy(remedies)
+    remedy = _of_refused_run(session) or next_remedy(remedies)
     if remedy is None:
         return _as_logged(session)
     change = remedy.change
@@ -232,6 +232,18 @@ def _of_runs(session: Session) -> NextStep:
     is_unit = change.verb == "read" and any(map(asks_for_unit, session.runs))
     said["other"] = _name_unit(session) if is_unit else None
     return NextStep(text, label, "check", do, level=level, **said)
+
+
+def _of_refused_run(session: Session) -> Remedy | None:
+    """Return what may mend an error of a run in use where no remedy is likely: before it
+    nothing is identified, and no other repair can be tried; None without one."""
+    for issue, runs in session.issues:
+        if issue.severity != "error" or all(run["use"] == "wait" for run in runs):
+            continue
+        repairs = [x for x in issue.remedies if x.change.verb == "transform"]
+        if repairs and all(x.certainty in GUESSES for x in issue.remedies):
+            return repairs[0]
+    return None
 
 
 def _may_help(session: Session, change: Mapping[str, Any]) -> bool:

@@ -15,7 +15,7 @@ from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.page.models import Models
 from sdp_vs_penalty.page.project import KEPT
 from sdp_vs_penalty.page.runs import _DROPPED
-from sdp_vs_penalty.page.spoken import label_of, spoken
+from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.joint import parse_held
@@ -26,6 +26,16 @@ _MOST_TRIED = 200_000
 UNITS = {"mNm": "mN m", "Ncm": "N cm", "kgfm": "kgf m", "lbfin": "lbf in"}
 #: The same of positions.
 ANGLES = {"deg": "degrees", "mrad": "mrad"}
+
+
+#: What is done while a change is made, by its verb.
+_TITLES = {
+    "transform": "Repairing the log",
+    "read": "Reading the log anew",
+    "cut": "Leaving rows out",
+    "hold": "Holding the joints",
+    "mount": "Setting gravity",
+}
 
 
 def is_leaving_out(change: Mapping[str, Any]) -> bool:
@@ -206,7 +216,7 @@ class Repairs(Models):
         """
         request = self._change_request(change, files)
         words = request["change"]["words"]
-        self._doing(title=label_of(words), status="")
+        self._doing(title=_TITLES[change["verb"]], status="")
         try:
             known = self.foreseen.get(json.dumps(to_json(request)))
             answer = known or await self._run(request)
