@@ -267,11 +267,11 @@ class _Fit:
         before = history[0].comparison["rmse"]
         floor = comparison["noise_floor"]
         scope = self.model.scope
-        how = {}
+        colours = "before (grey), after (blue)"
         for name in [*self.model.changed_runs][:1]:
             before, after = self.model.usual_error, self.model.errors_of_runs[name]
             scope = ""
-            how["colours"] = f"in the model's own runs (grey), in {name} (blue)"
+            colours = f"in the model's own runs (grey), in {name} (blue)"
         self.bars.content = pieces.bars(
             before,
             after,
@@ -280,7 +280,7 @@ class _Fit:
             scope,
             chosen=j,
             torque=self.model.comparison["torque_rms"],
-            **how,
+            colours=colours,
         )
 
     def _draw_torques(
