@@ -61,6 +61,19 @@ class PlantState(NamedTuple):
         return PlantState(*(x[which] for x in self))
 
 
+class MotionTerms(NamedTuple):
+    """Terms of the equation of motion of W simulations with n joints."""
+
+    #: (W, n, n) mass matrices [kg m^2, kg].
+    mass: Array
+    #: (W, n) all forces but dry friction [N m, N].
+    bias: Array
+    #: (W, n) derivative of the bias by the velocity.
+    bias_by_velocity: Array
+    #: (W, m) sizes of the dry friction along the m contacts [N m, N].
+    dry_friction: Array
+
+
 @dataclass(frozen=True)
 class _Probe(Motion):
     """A motion in which the direction of dry friction is prescribed."""
@@ -213,17 +226,9 @@ class Plant:
         q (W, n) [rad, m]."""
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
-    def terms(self, state: PlantState, h: float) -> tuple[Array, Array, Array, Array]:
+    def terms(self, state: PlantState, h: float) -> MotionTerms:
         """Compute the terms of the equation of motion for W simulations at the middle
-        of a step h [s].
-
-        The middle is predicted as if the acceleration of the last step went on. Returned
-        are, in this order:
-
-        - the mass matrices (W, n, n) [kg m^2, kg];
-        - the bias (W, n) [N m, N]: all forces but dry friction;
-        - the derivative of the bias by the velocity (W, n);
-        - the sizes of the dry friction along the m contacts (W, m) [N m, N].
+        of a step h [s], predicted as if the acceleration of the last step went on.
         """
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
@@ -247,7 +252,7 @@ class Plant:
             along = np.sum((with_friction - smooth) * ratios, axis=1)
             dry.append(along / float(ratios @ ratios))
         slope = (force[-1] - smooth) / delta
-        return mass, bias + smooth, slope, np.column_stack(dry)
+        return MotionTerms(mass, bias + smooth, slope, np.column_stack(dry))
 
     def _forces(
         self,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -95,22 +96,31 @@ class Pieces(tuple[Indices, ...]):
         return self._last[1]
 
 
-def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
-    """Fit an autoregression x_i = sum_k a_k x_(i-k) + e_i, k = 1 ... ORDER, to a series
-    x (M,) by least squares.
+class Autoregression(NamedTuple):
+    """An autoregression x_i = sum_k a_k x_(i-k) + e_i, k = 1 ... ORDER, as fitted."""
 
-    Returns the coefficients a (ORDER,), the standard deviation of the innovations e,
-    above 0 so that it may divide, and its degrees of freedom. With fewer than 4 ORDER
-    rows to predict, the series is taken for white noise: a = 0.
+    #: (ORDER,) coefficients a.
+    coefficients: Array
+    #: Standard deviation of the innovations e, above 0 so that it may divide.
+    sigma: float
+    #: Degrees of freedom behind ``sigma``.
+    degrees: float
+
+
+def autoregression(x: Array, pieces: Pieces) -> Autoregression:
+    """Fit an autoregression to a series x (M,) by least squares, on the rows that
+    ``pieces`` let it predict.
+
+    With fewer than 4 ORDER rows to predict, the series is taken for white noise: a = 0.
     """
     count = len(pieces.predicted)
     if count < 4 * ORDER:
         # Too few rows for coefficients: white noise of the samples' scatter.
         samples = np.concatenate([x[p] for p in pieces]) if pieces else x
-        return (
+        return Autoregression(
             np.zeros(ORDER),
-            max(float(samples.std()), 1e-12),
-            max(len(samples) - 1.0, 1.0),
+            sigma=max(float(samples.std()), 1e-12),
+            degrees=max(len(samples) - 1.0, 1.0),
         )
     matrix = np.column_stack([x[rows] for rows in pieces.past])  # (P, ORDER)
     target = x[pieces.predicted]
@@ -118,8 +128,10 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
     residual = target - matrix @ a
     sigma = float(np.sqrt(residual @ residual / (count - ORDER)))
     largest = float(np.abs(x).max(initial=1.0))
-    smallest = max(1e-9 * largest, 1e-15)
-    return np.asarray(a, float), max(sigma, smallest), float(count - ORDER)
+    rounding = max(1e-9 * largest, 1e-15)
+    return Autoregression(
+        np.asarray(a, float), sigma=max(sigma, rounding), degrees=float(count - ORDER)
+    )
 
 
 def local_excess(

@@ -492,7 +492,7 @@ def _without_events(
         )[0]
         without_drift = differences - drift @ drift_sizes
         undisturbed = Pieces(p[is_undisturbed[p]] for p in pieces)
-        ar = autoregression(without_drift, undisturbed)[0]
+        ar = autoregression(without_drift, undisturbed).coefficients
         # Whitened differences of variance about 1, with 0 where there is no past.
         white = pieces.filter(ar, count) @ without_drift
         white /= noise_profile(white, rates, rates)
