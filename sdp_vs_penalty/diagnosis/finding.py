@@ -113,14 +113,15 @@ def is_law_of(name: str, other: str) -> bool:
         return True
     types = effect_types()
     refines = name in types[other].refines or other in types[name].refines
-    return refines or has_same_law(name, other)
+    return refines or bool(travel_of_law(name, other))
 
 
-def has_same_law(name: str, other: str) -> bool:
-    """Return whether two effects, given by name, are one law whose shape constants have
-    other bounds, as stiction and pre-sliding hysteresis."""
+def travel_of_law(name: str, other: str) -> str:
+    """Return the name of the shape constant whose bounds alone tell two effects, given by
+    name, as stiction and pre-sliding hysteresis; "" where they have other laws."""
     types = effect_types()
-    return other in types[name].same_law_as or name in types[other].same_law_as
+    there = types[other].same_law_as.get(name, "")
+    return types[name].same_law_as.get(other, there)
 
 
 def effect_on(name: str, joints: Sequence[int]) -> WrittenEffect:
@@ -324,15 +325,17 @@ class Finding(Rated):
         """The name that the law has over another travel, such as "or stiction: the same
         law over a shorter travel"; "" where the travel found is outside its bounds."""
         types = effect_types()
-        travel, kind = self.shape.get("d"), types.get(self.effect)
-        if travel is None or kind is None:
+        if self.effect not in types:
             return ""
+        kind = types[self.effect]
         for name, other in types.items():
-            if name == self.effect or not has_same_law(self.effect, name):
+            travel = travel_of_law(self.effect, name)
+            if travel not in self.shape:
                 continue
-            low, high = other.shapes["d"].bounds or (0.0, np.inf)
-            if low <= travel <= high:
-                is_shorter = other.shapes["d"].default < kind.shapes["d"].default
+            constants = kind.shapes[travel], other.shapes[travel]
+            low, high = constants[1].bounds or (0.0, np.inf)
+            if low <= self.shape[travel] <= high:
+                is_shorter = constants[1].default < constants[0].default
                 length = "shorter" if is_shorter else "longer"
                 return f"or {effect_name(name)}: the same law over a {length} travel"
         return ""

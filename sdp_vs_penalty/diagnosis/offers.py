@@ -156,8 +156,8 @@ class Offers(Sequence[Remedy]):
         lacking = (f.no_place_in for f in self.diagnosis.effects if f.text in texts)
         return tuple(dict.fromkeys(chain.from_iterable(lacking)))
 
-    def held_law_remedy(self, finding: Finding) -> Remedy | None:
-        """Return the remedy that adds, in place of a finding, the nearest law that a file
+    def offer_of_held_law(self, finding: Finding) -> Remedy | None:
+        """Return the offer that adds, in place of a finding, the nearest law that a file
         holds which has no place for the finding; None without one that lowers the error
         of its joint."""
         j = finding.main_joint - 1
@@ -168,7 +168,10 @@ class Offers(Sequence[Remedy]):
         name = effect_in_words(finding.held_law)
         change = Change("add", f"add {name}", {"effects": [finding.held_law]})
         errors = tuple(before.tolist()), tuple(after.tolist())
-        return Remedy(finding.title, *finding.rating_and_why, change, *errors)
+        rating, why = finding.rating_and_why
+        verb = "holds" if len(finding.held_law_in) == 1 else "hold"
+        why = f"{why}; {formatting.words(finding.held_law_in)} {verb} this law"
+        return Remedy(finding.title, rating, why, change, *errors)
 
     @property
     def selections_of_one(self) -> list[tuple[Finding | Retune, ...]]:
@@ -277,7 +280,8 @@ class Offers(Sequence[Remedy]):
     def _all(self) -> tuple[Remedy, ...]:
         """What would mend the model at once, each with the errors on data left out that
         it leaves: first what is advised (:attr:`main`), then all that helps, what is
-        sure together, each re-estimated constant, and each group of findings."""
+        sure together, each re-estimated constant, each group of findings, and each
+        nearest law that a file holds in place of one."""
         adds_curves = (
             bool(self.diagnosis.curves) and not self.diagnosis.leaves_curves_out
         )
@@ -289,6 +293,8 @@ class Offers(Sequence[Remedy]):
             offers.append(self._offer_of_sure)
         offers += [constant.remedy for constant in self.diagnosis.retuned]
         offers += [self.offer_of(group.first) for group in self.groups]
+        held_laws = map(self.offer_of_held_law, self.diagnosis.effects)
+        offers += [offer for offer in held_laws if offer is not None]
         return tuple({str(offer.change.arguments): offer for offer in offers}.values())
 
     @cached_property

@@ -274,7 +274,7 @@ class Stiction(PreslidingHysteresis):
         "Karnopp, ASME J. Dyn. Sys. Meas. Control 1985; Stewart, SIAM Review 2000"
     )
     symbol = "f_s"
-    same_law_as = ("presliding_hysteresis",)
+    same_law_as = {"presliding_hysteresis": "d"}
     at_rest = "holds"
     #: Short travels, over which the computed state forgets what the filter makes of a
     #: joint at rest.

@@ -262,8 +262,9 @@ class Effect(ABC):
     #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
     resembles: tuple[str, ...] = ()
 
-    #: Effects that have the same law over another travel, their shape constant ``d``.
-    same_law_as: ClassVar[tuple[str, ...]] = ()
+    #: Effects that have the same law over another travel, each with the name that this
+    #: travel has among the shape constants of both.
+    same_law_as: ClassVar[Mapping[str, str]] = {}
 
     #: The effect whose shape constants it has as well, without any of its own.
     shape_of: ClassVar[str] = ""

@@ -521,7 +521,7 @@ def _to_add(
     texts = change.arguments.get("effects", [])
     main = diagnosis.offers.main_finding
     if main is not None and {*texts} == {main.text}:
-        others += filter(None, [diagnosis.offers.held_law_remedy(main)])
+        others += filter(None, [diagnosis.offers.offer_of_held_law(main)])
     other = None
     for second in others[::-1]:
         add = partial(session.start, session.apply, second.change.to_dict())

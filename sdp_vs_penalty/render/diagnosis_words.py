@@ -48,8 +48,8 @@ def place_in_files(diagnosis: Diagnosis, texts: Collection[str]) -> str:
 
 
 def _held_law_in_words(diagnosis: Diagnosis, finding: Finding) -> str:
-    """Say what :meth:`Offers.held_law_remedy` adds and what error it leaves; "" without it."""
-    remedy = diagnosis.offers.held_law_remedy(finding)
+    """Say what :meth:`Offers.offer_of_held_law` adds and what error it leaves; "" without it."""
+    remedy = diagnosis.offers.offer_of_held_law(finding)
     if remedy is None:
         return ""
     assert remedy.after is not None  # this remedy has it

@@ -760,9 +760,11 @@ def test_what_no_file_holds_is_said_beside_the_offer_with_the_nearest_law_that_o
     assert place_in_files(Diagnosis.from_dict(found.to_dict()), [lacking.text]) == said
     both = place_in_files(found, [lacking.text, everywhere.text])
     assert both == said
-    change = found.offers.held_law_remedy(lacking).change
-    assert change.words == "add load dependent friction on joint 2"
-    assert found.offers.held_law_remedy(everywhere) is None
+    offer = found.offers.offer_of_held_law(lacking)
+    assert offer == found.offers[-1]
+    assert offer.change.words == "add load dependent friction on joint 2"
+    assert offer.why.endswith("; model.h holds this law")
+    assert found.offers.offer_of_held_law(everywhere) is None
     assert place_in_files(found, [everywhere.text]) == ""
     worse = replace(found, errors_with=(errors[0], ErrorWith(*_no_better(lacking))))
     for without_law in (worse, diagnosis(unknown)):
