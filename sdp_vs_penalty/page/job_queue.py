@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.page.project import ProjectState, with_issues
+from sdp_vs_penalty.page.project import ProjectState, TriedRemedy, with_issues
 from sdp_vs_penalty.page.spoken import progress_in_words
 from sdp_vs_penalty.page.worker import sentence
-from sdp_vs_penalty.records import to_json
+from sdp_vs_penalty.records import from_json, to_json
 
 #: What is said where a job that something waited for was cancelled, or failed.
 _NOT_BEGUN = "What waited for it was not begun."
@@ -170,10 +170,11 @@ class JobQueue(ProjectState):
         progress: Callable[[str], None],
         is_aside: bool = False,
     ) -> dict[str, Any]:
-        """Return what a worker answers; issues of its runs are records."""
+        """Return what a worker answers; issues of its runs, and remedies, are records."""
         answer = await self.pool.run(request, progress, is_aside)
         if "remedies" in answer:  # it has checked the runs
             answer["runs"] = with_issues(answer["runs"])
+            answer["remedies"] = from_json(list[TriedRemedy], answer["remedies"])
         return answer
 
     def _request(self, job: str, **details: Any) -> dict[str, Any]:

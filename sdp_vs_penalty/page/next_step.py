@@ -42,7 +42,6 @@ from sdp_vs_penalty.page.view import (
     measured_on,
     set_aside_in_words,
 )
-from sdp_vs_penalty.records import from_json, to_json
 from sdp_vs_penalty.render.diagnosis_words import SOME_ERROR_IS_LEFT, main_cause
 from sdp_vs_penalty.render.words import describe_unexplained
 from sdp_vs_penalty.results.remedy import GUESSES, SURE, Change, Remedy
@@ -163,9 +162,9 @@ def _of_waiting(session: Session, run: Mapping[str, Any]) -> NextStep:
     found = [x for x in run["findings"] if x.severity != "note"]
     remedies = [x for issue in found for x in issue.remedies]
     remedy = next_remedy(remedies)
-    refused = [x["change"] for x in session.remedies if "refused" in x]
-    if remedy is not None and to_json(remedy.change) not in refused:
-        do = partial(session.start, session.apply, to_json(remedy.change))
+    refused = [x.change for x in session.remedies if x.refused]
+    if remedy is not None and remedy.change not in refused:
+        do = partial(session.start, session.apply, remedy.change.to_dict())
         label = label_of(remedy.change.words)
         text = graded(remedy.problem, remedy.certainty)
     elif asks_for_unit(run) and not is_refused(run):
@@ -202,13 +201,9 @@ def _columns(session: Session) -> NextStep:
 def _of_runs(session: Session) -> NextStep:
     """Return what the check says of the runs: the first remedy, or to identify. One that
     does not lower the error on motion left out is a second choice."""
-    remedies = [
-        from_json(Remedy, {k: v for k, v in x.items() if k != "effect"})
-        for x in session.remedies
-        if "refused" not in x
-    ]
-    remedies = [_with_published_gains(session, x) for x in remedies]
-    remedies.sort(key=lambda x: not _may_help(session, x.change.to_dict()))
+    allowed = [x for x in session.remedies if not x.refused]
+    remedies = [_with_published_gains(session, x) for x in allowed]
+    remedies.sort(key=lambda x: not _may_help(session, x.change))
     remedy = _of_refused_run(session) or next_remedy(remedies)
     if remedy is None:
         return _as_logged(session)
@@ -220,9 +215,10 @@ def _of_runs(session: Session) -> NextStep:
     if faults := session.faults_in_words(change.to_dict()):
         text = graded(f"{faults}.", remedy.certainty)
     why = formatting.sentence(spoken(remedy.why))  # until it was tried
-    number = session.outcome_of(change.to_dict()).get("sentence", why)
+    outcome = session.outcome_of(change)
+    number = why if outcome is None else outcome.sentence
     said: dict[str, Any] = {"number": number, "figure": ("check", "check")}
-    if not (_may_help(session, change.to_dict()) or session.meaningless):
+    if not (_may_help(session, change) or session.meaningless):
         other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
         return replace(_as_logged(session, text), other=other, **said)
     if change.arguments.get("by_size"):  # a guess: what a person knows comes first
@@ -246,9 +242,10 @@ def _of_refused_run(session: Session) -> Remedy | None:
     return None
 
 
-def _may_help(session: Session, change: Mapping[str, Any]) -> bool:
+def _may_help(session: Session, change: Change) -> bool:
     """Return whether a repair lowers the error on motion left out, or was not tried."""
-    return bool(session.outcome_of(change).get("falls", True))
+    outcome = session.outcome_of(change)
+    return outcome is None or outcome.falls
 
 
 def _as_logged(session: Session, said: str = "") -> NextStep:
@@ -650,10 +647,10 @@ def _added(session: Session) -> str:
     return f"Added. {sentences}" if sentences else ""
 
 
-def _decided_joints(remedy: Mapping[str, Any]) -> set[int]:
+def _decided_joints(remedy: Remedy) -> set[int]:
     """Return the joints (from 1) on which a motion to record tells effects apart; none of
     one that is of the whole arm."""
-    effects = remedy["change"]["arguments"].get("separate", ())
+    effects = remedy.change.arguments.get("separate", ())
     return {joint for text in effects for joint in joints_of(text)}
 
 
@@ -662,11 +659,11 @@ def _motion_to_record(view: View) -> tuple[NextStep, bool]:
     for a model to which nothing is known to add, and whether that decides something."""
     session = view.session
     diagnosis = session.findings_of_current
-    of_diagnosis = [] if diagnosis is None else to_json(diagnosis.remedies)
+    of_diagnosis = [] if diagnosis is None else diagnosis.remedies
     asked = [
         remedy
         for remedy in (*session.remedies, *of_diagnosis)
-        if remedy["change"]["verb"] == "record"
+        if remedy.change.verb == "record"
     ]
     worst = session.current.worst_joint
     of_worst = [remedy for remedy in asked if worst in _decided_joints(remedy)]
@@ -676,8 +673,8 @@ def _motion_to_record(view: View) -> tuple[NextStep, bool]:
         text, label = "The motion's log comes next", "Choose the log"
         step = NextStep(text, label, "measure", opens="drop-runs")
         return step, first is not None
-    motion: Mapping[str, Any] = first["change"] if first else {}
-    text = graded(first["problem"], "certain") if first else ""
+    motion: Mapping[str, Any] = first.change.to_dict() if first else {}
+    text = graded(first.problem, "certain") if first else ""
     label = label_of_motion(motion) if first else "Make a motion to record"
     do = partial(session.start, session.make_motion, motion, view.download)
     return NextStep(text, label, "measure", do), first is not None

@@ -18,8 +18,9 @@ from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.spoken import name_beside, spoken
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
-from sdp_vs_penalty.records import from_json, to_json
+from sdp_vs_penalty.records import JsonRecord, from_json, to_json
 from sdp_vs_penalty.results.issue import StoredIssue
+from sdp_vs_penalty.results.remedy import Remedy
 
 #: What a step back brings back: everything that was made of the person's choices.
 KEPT = (
@@ -79,6 +80,37 @@ def _alike_once(texts: Iterable[str]) -> tuple[str, ...]:
     )
 
 
+@dataclass(frozen=True)
+class TrialOutcome(JsonRecord):
+    """What a change did to the error on motion left out: a sentence, "" where that was not
+    judged, and whether the error falls."""
+
+    sentence: str = ""
+    falls: bool = True
+
+
+@dataclass(frozen=True)
+class TriedRemedy(Remedy):
+    """A remedy of the check, with what its change would do."""
+
+    #: What it would do to the error on motion left out; None where it was not tried.
+    effect: TrialOutcome | None = None
+    #: Why it is refused; "" where it is not.
+    refused: str = ""
+
+    @property
+    def is_tried(self) -> bool:
+        """Whether it is known what its change would do."""
+        return self.effect is not None or bool(self.refused)
+
+    @property
+    def outcome(self) -> TrialOutcome | None:
+        """What its change would do, or why it is refused; None where nothing is known."""
+        if self.refused:
+            return TrialOutcome(f"Not done: {spoken(self.refused)}", falls=False)
+        return self.effect if self.effect and self.effect.sentence else None
+
+
 def with_issues(runs: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return runs of a file or an answer, in which issues are JSON, with records of them."""
     return [
@@ -128,7 +160,7 @@ class ProjectState:
     #: The effect that was hidden in simulated runs, as `add` writes it; "" for others.
     hidden: str = ""
     #: What would mend the runs, as the check orders it.
-    remedies: list[dict[str, Any]] = field(default_factory=list)
+    remedies: list[TriedRemedy] = field(default_factory=list)
     #: Effects that were chosen.
     effects: list[str] = field(default_factory=list)
     #: Method that was chosen.
@@ -348,6 +380,7 @@ class ProjectState:
             ]
             for remedy in kept["remedies"]:
                 remedy |= {x: effect_of(remedy[x]) for x in {"effect"} & remedy.keys()}
+            kept["remedies"] = from_json(list[TriedRemedy], kept["remedies"])
             return {**kept, "history": [steps[k] for k in kept["history"]]}
 
         for name in {*CHOSEN} & content.keys():  # an older version has fewer

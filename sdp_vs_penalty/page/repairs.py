@@ -13,9 +13,8 @@ from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import no_progress
 from sdp_vs_penalty.page.models import Models
-from sdp_vs_penalty.page.project import KEPT
+from sdp_vs_penalty.page.project import KEPT, TrialOutcome
 from sdp_vs_penalty.page.runs import _DROPPED
-from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.robot.joint import parse_held
@@ -73,12 +72,11 @@ class Repairs(Models):
         """Try the remedies of the runs beside everything else, and keep what each would
         do to the error on motion left out, and what it would answer."""
         untried = [
-            x["change"]
-            for x in self.remedies
-            if x["change"]["verb"] != "record"
-            and not is_leaving_out(x["change"])
-            and all(x["change"]["arguments"].get("scale", {"": "1"}).values())
-            and not x.keys() & {"effect", "refused"}
+            change
+            for change in (x.change.to_dict() for x in self.remedies if not x.is_tried)
+            if change["verb"] != "record"
+            and not is_leaving_out(change)
+            and all(change["arguments"].get("scale", {"": "1"}).values())
         ]
         n_samples = sum(run["samples"] for run in self.runs)
         if not untried or n_samples > _MOST_TRIED or self.model is not None:
@@ -89,31 +87,26 @@ class Repairs(Models):
             try:
                 answer = await self._answer(request, no_progress, is_aside=True)
             except InputError as error:
-                self._keep_outcome(change, {"refused": error.without_command})
+                self._keep_outcome(change, refused=error.without_command)
             else:
                 self.foreseen[json.dumps(to_json(request))] = answer
-                self._keep_outcome(change, {"effect": answer["effect"]})
+                effect = TrialOutcome.from_dict(answer["effect"])
+                self._keep_outcome(change, effect=effect)
             self.save()
             self.changed()
 
-    def _keep_outcome(
-        self, change: Mapping[str, Any], outcome: Mapping[str, Any]
-    ) -> None:
-        """Keep what a change of a remedy would do ("effect"), or why not ("refused")."""
+    def _keep_outcome(self, change: Mapping[str, Any], **outcome: Any) -> None:
+        """Keep what a change of a remedy would do (effect=), or why not (refused=)."""
+        made = Change.from_dict(change)
         self.remedies = [
-            {**x, **outcome} if x["change"] == change else x for x in self.remedies
+            replace(x, **outcome) if x.change == made else x for x in self.remedies
         ]
 
-    def outcome_of(self, change: Mapping[str, Any]) -> dict[str, Any]:
+    def outcome_of(self, change: Change) -> TrialOutcome | None:
         """Return what a remedy's change would do to the error on motion left out, or why
-        it is refused, in a "sentence", and whether that "falls"; empty where it was not
-        tried."""
-        for remedy in self.remedies:
-            if remedy["change"] == change:
-                if refused := remedy.get("refused"):
-                    return {"sentence": f"Not done: {spoken(refused)}", "falls": False}
-                return dict(remedy.get("effect", {}))
-        return {}
+        it is refused; None where it was not tried."""
+        remedies = (x for x in self.remedies if x.change == change)
+        return next((x.outcome for x in remedies), None)
 
     async def mount(self, gravity: str) -> None:
         """Set gravity in the robot's base frame, "x,y,z" [m/s^2]."""
@@ -221,7 +214,7 @@ class Repairs(Models):
             known = self.foreseen.get(json.dumps(to_json(request)))
             answer = known or await self._run(request)
         except InputError as error:
-            self._keep_outcome(change, {"refused": error.without_command})
+            self._keep_outcome(change, refused=error.without_command)
             raise
         commands = self._commands_of(change, request["files"])
         answer = {**answer, "runs": self._with_questions(answer["runs"])}

@@ -456,7 +456,7 @@ class RobotAndRuns(RunIssues):
             {**run, "stated": True} if run["file"] == chosen["file"] else run
             for run in self.runs
         ]
-        left = {"remedies": self.remedies, "robot": {}}
+        left: dict[str, Any] = {"remedies": self.remedies, "robot": {}}
         left["runs"] = self._with_questions(runs)
         await self._go_on_with(left, f"{chosen['name']} left as read")
         self._show_fit()

@@ -49,8 +49,8 @@ from sdp_vs_penalty.page import Sessions, WorkerPool, data_chart, guarded, jobs,
 from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import _to_add, next_step
+from sdp_vs_penalty.page.project import TrialOutcome, TriedRemedy
 from sdp_vs_penalty.page.view import changes_of_data_in_words, checked
-from sdp_vs_penalty.records import to_json
 from sdp_vs_penalty.render.diagnosis_words import gain_sentence
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
 from sdp_vs_penalty.results import Certainty, Change, Remedy
@@ -116,7 +116,7 @@ def test_meaningless_runs_are_identified_only_when_asked_twice(here, hidden, tmp
     refusal(lambda: do(s, s.identify), "spikes.csv: ", "tau2", "Identify anyway")
     assert not s.history
     s.notice = None
-    s.remedies = [{**x, "refused": "it does not help"} for x in s.remedies]
+    s.remedies = [replace(x, refused="it does not help") for x in s.remedies]
     screen = Screen(s)
     for label in ("See what Check found", "Identify anyway"):
         assert label in screen.text("next")
@@ -142,7 +142,7 @@ def test_a_run_is_repaired_where_it_is_certain(here, hidden, tmp_path):
     np.testing.assert_allclose(
         numbers(crosses["x"]), run.t[[500, 900, 1300]], rtol=1e-4
     )
-    do(s, lambda: s.apply(s.remedies[0]["change"]))
+    do(s, lambda: s.apply(s.remedies[0].change.to_dict()))
     (run,) = s.runs
     assert run["name"] == "spikes.csv"
     assert not s.kinds_of_issue
@@ -160,14 +160,16 @@ def test_what_a_repair_does_is_known_before_the_click(
     wrong = replace(run, tau=run.tau * [1.0, -1.0])
     here.pool.tries_remedies = True
     s = opened(here, "two_link", **saved(tmp_path, [wrong], "sign.csv"))
-    change = s.remedies[0]["change"]
+    change = s.remedies[0].change
     asyncio.run(s._foresee())  # again, as after each job: what is known stays
     outcome = s.outcome_of(change)
-    assert outcome["sentence"].startswith("Error on motion left out")
-    assert outcome["falls"]
+    assert outcome.sentence.startswith("Error on motion left out")
+    assert outcome.falls
     monkeypatch.setattr(jobs, "change", lambda job: pytest.fail("done twice"))
-    do(s, lambda: s.apply(change))
-    assert s.repairs == [[change["words"], outcome, change]]
+    do(s, lambda: s.apply(change.to_dict()))
+    ((words, effect, made),) = s.repairs
+    assert (words, made) == (change.words, change.to_dict())
+    assert effect["sentence"] == outcome.sentence
 
 
 def test_a_unit_that_is_named_replaces_the_one_before(here, hidden, tmp_path):
@@ -219,7 +221,7 @@ def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp
     report = check_runs(load_problem("two_link"), hidden.runs[:1])[0]
     remedies = list_remedies([replace(report, issues=tuple(issues))])
     s.runs[0]["findings"] = issues
-    s.remedies = to_json(remedies)
+    s.remedies = [TriedRemedy(**vars(x)) for x in remedies]
     assert remedies[0].why == "each of them is at least likely"
     screen = Screen(s)
     repairs = "torque sign (joint 1) and torque unit (joint 1)"
@@ -244,8 +246,9 @@ def test_a_repair_that_does_not_lower_the_error_is_a_second_choice(
     s.runs[0]["findings"] = [rows]
     change = Change("transform", "delete 5 rows", {"apply": []})
     outcome = LeftOut(0.5124, now)
-    remedy = to_json(Remedy("a.csv: rows at zero", "certain", "", change))
-    s.remedies = [{**remedy, "effect": outcome.to_dict()}]
+    effect = TrialOutcome(outcome.sentence, outcome.falls)
+    words = "a.csv: rows at zero", "certain", ""
+    s.remedies = [TriedRemedy(*words, change, effect=effect)]
     screen = Screen(s)
     assert screen.at("next").text == main
     assert outcome.sentence in screen.text("next").replace("\xa0", " ")
@@ -1244,14 +1247,15 @@ def test_a_project_of_an_older_version_is_brought_to_todays(kept, hidden, tmp_pa
     """It has what a repair did, and how sure an issue is, in words."""
     s = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
     words = "Error on motion left out: 0.512 % as logged, {} % repaired."
-    s.remedies = [{"change": {}, "effect": words.format(0.519)}]
+    remedy = Remedy("spikes", "likely", "", Change("transform", "delete them"))
+    s.remedies = [{**remedy.to_dict(), "effect": words.format(0.519)}]
     s.repairs = [["flip it", words.format(0.3)]]
     s.runs[0]["findings"] = [
         {"certainty": "likely: spikes", **dict.fromkeys(WORDS, "")}
     ]
     s.save()
     again = Sessions(Here(), kept.projects).get(s.token)
-    assert not again.remedies[0]["effect"]["falls"]
+    assert not again.remedies[0].effect.falls
     assert again.repairs[0][1] == {"sentence": words.format(0.3), "falls": True}
     assert again.repairs[0][2]["verb"] == ""
     (issue,) = again.runs[0]["findings"]
@@ -1515,7 +1519,7 @@ def test_a_repair_of_a_test_run_keeps_the_model(here, hidden, tmp_path):
     s = opened(here, "two_link", **saved(tmp_path, [run, spoiled], "a.csv", "test.csv"))
     do(s, s.identify)
     before = s.current
-    do(s, lambda: s.apply(s.remedies[0]["change"]))
+    do(s, lambda: s.apply(s.remedies[0].change.to_dict()))
     made = [load_estimate(step.file) for step in (before, s.current)]
     np.testing.assert_array_equal(made[0].theta, made[1].theta)
     assert max(s.current.comparison["rmse"]) < max(before.comparison["rmse"])

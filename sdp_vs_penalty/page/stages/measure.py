@@ -39,6 +39,7 @@ from sdp_vs_penalty.page.view import (
 from sdp_vs_penalty.render.words import BADGES, plain_name
 from sdp_vs_penalty.reports.demo import HIDDEN, SEED
 from sdp_vs_penalty.results.issue import StoredIssue
+from sdp_vs_penalty.results.remedy import Change
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS, MAKERS
 
 
@@ -504,7 +505,7 @@ def check(view: View) -> None:
     names = [run["name"] for run in session.runs]
     first = next((run["name"] for run in session.runs if run["findings"]), names[0])
 
-    mended = any(x["change"]["verb"] == "transform" for x in session.remedies)
+    mended = any(x.change.verb == "transform" for x in session.remedies)
 
     def look(run: str) -> None:
         read = session.preview(run)
@@ -550,11 +551,11 @@ def _findings(view: View) -> None:
             draw.tag("strong", f"{names}: {issue.title}. ")
             draw.tag("span", graded(issue.what, issue.certainty.grade))
             draw.note(session.place_in_pictures(issue, runs[0]["name"]))
-            changes = [remedy.change.to_dict() for remedy in issue.remedies]
+            changes = [remedy.change for remedy in issue.remedies]
             is_tried = any(map(session.outcome_of, changes))
             if not is_tried:  # a trial says more
                 draw.note(formatting.sentence(spoken(issue.certainty.why)))
-            is_mended = any(change["verb"] != "cut" for change in changes)
+            is_mended = any(change.verb != "cut" for change in changes)
             is_tested = all(run["use"] == "test" for run in runs)
             is_difference = issue.is_another_arm
             if is_difference and is_tested:
@@ -606,10 +607,10 @@ def _last_resort(
         draw.button("Choose other measurements", None, f"more-{k}", **more)
 
 
-def _change(view: View, change: dict[str, Any], key: str) -> None:
+def _change(view: View, made: Change, key: str) -> None:
     """Draw the button of a remedy's change; with a field where only the person knows the
     unit, and why it was refused, where it was."""
-    session = view.session
+    session, change = view.session, made.to_dict()
     label = label_of_change(session, change)
     do = partial(session.start, session.apply, change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
@@ -629,8 +630,8 @@ def _change(view: View, change: dict[str, Any], key: str) -> None:
     elif asked == ["tau"] and session.model is None and session.is_unit_open:
         identify = partial(session.start, session.identify_without_units)
         draw.button("Identify without units", identify, f"{key}-as-is")
-    if outcome := session.outcome_of(change):
-        draw.note(outcome["sentence"])
+    if outcome := session.outcome_of(made):
+        draw.note(outcome.sentence)
 
 
 def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
@@ -667,7 +668,7 @@ def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
 def _gains_offered(session: Session) -> list[str]:
     """Return the drive gains of all joints that fit the robot's masses, with two digits;
     none where Check offers none."""
-    changes = [x["change"]["arguments"] for x in session.remedies]
+    changes = [x.change.arguments for x in session.remedies]
     by_size = [x["scale"]["tau"].split(":") for x in changes if x.get("by_size")]
     return [f"{float(gain):.2g}" for gain in by_size[0]] if by_size else []
 
