@@ -306,12 +306,9 @@ class Offers(Sequence[Remedy]):
             return None
         main = self.main_finding
         choices = [self._offer_of_sure] if self._sure_together else []
-        if (
-            main is not None
-            and main.rating not in GUESSES
-            and len(self.diagnosis.helpful) > 1
-        ):
-            choices.append(self.offer_of(main))
+        if main is not None and main.rating not in GUESSES:
+            alone, together = self.offer_of(main), self._offer_of_all
+            choices += [alone] * (alone.change.words != together.change.words)
         outcomes = [
             (offer, outcome)
             for offer in [*choices, self._offer_of_all]
@@ -330,8 +327,7 @@ class Offers(Sequence[Remedy]):
         others = [self._offer_of_all]
         if self.main_finding is not None:
             others.append(self.offer_with_companion(self.main_finding))
-        advised = {*self.main.change.arguments["effects"]}
-        others = [x for x in others if {*x.change.arguments["effects"]} != advised]
+        others = [x for x in others if x.change.words != self.main.change.words]
         return self.main, *others[:1]
 
     def offer_with_companion(self, finding: Finding) -> Remedy:
@@ -440,10 +436,12 @@ class Offers(Sequence[Remedy]):
             which,
             after,
         )
-        if self.diagnosis.helpful:
-            return offer
-        words = "add what was measured and has no name"
-        if not takes_all:
+        words = offer.change.words
+        if takes_all:
+            on = formatting.joints([curve.joint for curve in self.diagnosis.curves])
+            begin = f"{words} and" if self.diagnosis.helpful else "add"
+            words = f"{begin} the measured curve of {on}"
+        elif not self.diagnosis.helpful:
             words = "leave out the spans in which something passes"
         return replace(offer, change=replace(offer.change, words=words))
 

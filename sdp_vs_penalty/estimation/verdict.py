@@ -65,6 +65,10 @@ LOG = "the log"
 _IN_DOUBT = "In doubt: "
 
 
+#: How a line ends whose noise is from the torque's spectrum.
+NOISE_OF_SPECTRUM = f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
+
+
 @dataclass(frozen=True)
 class Line(JsonRecord):
     """One of the three: about FIT, PREDICTION or MISSING, its grade, and why in a
@@ -540,7 +544,7 @@ def _fit(errors: ErrorsBesideNoise, source: str, is_worse_than_constant: Mask) -
             known = "the torque of no arm is known better"
             sentence = f"No joint errs by more than {share} % of its torque; {known}"
     if over is not None and source == SPECTRUM:
-        sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
+        sentence += NOISE_OF_SPECTRUM
     # Within the noise, a bad fit of a joint's torque is no fault.
     is_worse_than_constant = is_worse_than_constant & errors.exceeds_noise
     if is_worse_than_constant.any():

@@ -15,7 +15,12 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.verdict import Grade, Verdict, over_noise
+from sdp_vs_penalty.estimation.verdict import (
+    NOISE_OF_SPECTRUM,
+    Grade,
+    Verdict,
+    over_noise,
+)
 from sdp_vs_penalty.page.spoken import spoken
 from sdp_vs_penalty.records import JsonRecord
 from sdp_vs_penalty.render.tables import facts_from_json
@@ -172,7 +177,15 @@ class ModelStep(JsonRecord):
     @property
     def headline(self) -> str:
         """Which joint errs most, and by how much, in a sentence."""
-        return spoken(said_before(self.verdict.reason))
+        return spoken(said_before(self.verdict.reason.replace(NOISE_OF_SPECTRUM, "")))
+
+    @property
+    def noise_in_words(self) -> str:
+        """Where the noise of :attr:`headline` is from, in a sentence; "" where it was
+        measured."""
+        is_of_spectrum = NOISE_OF_SPECTRUM in self.verdict.reason
+        noise = spoken(said_before(NOISE_OF_SPECTRUM.removeprefix("; ")))
+        return formatting.sentence(noise) if is_of_spectrum else ""
 
     @property
     def worst_joint(self) -> int:

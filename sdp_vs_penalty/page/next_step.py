@@ -336,10 +336,7 @@ def _of_model(view: View) -> NextStep:
     of_model = identified(session)
     assert of_model is not None  # there is a model
     level = of_model.level
-    headline, more = of_model.text, ""
-    if of_noise := re.search(r"; (the noise is from[^.;]*)", headline):
-        headline = headline.replace(of_noise[0], "")
-        more = f"{formatting.sentence(of_noise[1])}."
+    headline, more = of_model.text, session.current.noise_in_words
     text = f"{of_model.word}. {headline}"
     number = formatting.sentence(f"measured {measured_on(session)}")
     if len(session.history) > 1:
