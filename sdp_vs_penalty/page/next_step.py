@@ -98,10 +98,10 @@ def next_step(view: View) -> NextStep:
         return (
             replace(step, text=said + step.text, level="bad") if is_computed else step
         )
-    line, *more = re.split(r"(?<=[.?!]) ", step.text, maxsplit=1)
     if len(step.text) <= _MOST_IN_LINE:
         return step
-    return replace(step, text=line, more=_sentences(step.more, *more))
+    first, *others = re.split(r"(?<=[.?!]) ", step.text, maxsplit=1)
+    return replace(step, text=first, more=_sentences(step.more, *others))
 
 
 def _sentences(*texts: str) -> str:
@@ -519,8 +519,9 @@ def _to_add(
     other = None
     for second in others[::-1]:
         add = partial(session.start, session.apply, second.change.to_dict())
-        words, outcome = f"Or {second.change.words}", _outcome_in_brief(session, second)
-        other = NextStep("", words, "diagnose", add, outcome=outcome, other=other)
+        done = _outcome_in_brief(session, second)
+        words = f"Or {second.change.words}"
+        other = NextStep("", words, "diagnose", add, outcome=done, other=other)
     text, beside = _in_one_line(diagnosis, texts)
     text = text or in_brief(spoken(main_cause(diagnosis)))
     if level == "good":
@@ -535,8 +536,8 @@ def _to_add(
     if outcome := diagnosis.offers.outcome_of(remedy):
         is_idle |= level != "bad" and not outcome.falls(session.current.worst_joint)
         n_added = {1: "it", 2: "both"}.get(len(texts), f"all {len(texts)}")
-        words = outcome.in_words(session.current.worst_joint)
-        number = f"On data left out, with {n_added}: {words}."
+        does = outcome.in_words(session.current.worst_joint)
+        number = f"On data left out, with {n_added}: {does}."
     do = partial(session.start, session.apply, change.to_dict())
     said: dict[str, Any] = {
         "text": text,
@@ -546,8 +547,9 @@ def _to_add(
         "outcome": _outcome_in_brief(session, remedy),
     }
     if is_idle:
-        outcome = said.pop("outcome")
-        other = NextStep("", f"Or {change.words}", "diagnose", do, outcome=outcome)
+        done = said.pop("outcome")
+        words = f"Or {change.words}"
+        other = NextStep("", words, "diagnose", do, outcome=done)
         if level != "good":
             of_model = identified(session)
             assert of_model is not None  # there is a model
