@@ -29,7 +29,7 @@ from sdp_vs_penalty.diagnosis import (
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as search
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.finding import effect_on
-from sdp_vs_penalty.diagnosis.sentences import besides
+from sdp_vs_penalty.diagnosis.sentences import advice, besides
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.effects.written import WrittenEffect
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -181,12 +181,8 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
         ((weak,), "all are weak"),
         ((), "Use"),
     ):
-        assert (
-            said
-            in replace(
-                found, effects=effects, retuned=(), verdict="effect_missing"
-            ).advice
-        )
+        missing = {"verdict": "effect_missing", "retuned": ()}
+        assert said in advice(replace(found, effects=effects, **missing))
     printing.diagnosis(
         replace(found, effects=(weak,)), ["N*m"] * 7, Path("m.json"), False
     )
