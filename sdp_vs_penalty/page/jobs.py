@@ -350,7 +350,11 @@ def read(job: JobRequest) -> Answer:
         name, path = file["name"], reading.path
         try:
             if isinstance(outcome, MissingJoints):
-                state = _holding(state, dict.fromkeys(outcome.joints, 0.0), remarks)
+                # What an earlier file of these lacks is held already.
+                moving = state.problem.robot.joint_names
+                still = [joint for joint in outcome.joints if joint in moving]
+                if still:
+                    state = _holding(state, dict.fromkeys(still, 0.0), remarks)
                 part = reading.load(job, state.problem, known)
             elif isinstance(outcome, InputError):
                 raise outcome

@@ -43,6 +43,7 @@ def test_every_fact_of_the_results_is_defined():
     from sdp_vs_penalty.simulation.follow import Following
 
     for kind in (Comparison, Diagnosis, Estimate, Failures, Following, Report):
-        methods = [x for x in vars(kind).values() if isinstance(x, FactMethod)]
+        members = [x for base in kind.__mro__ for x in vars(base).values()]
+        methods = [x for x in members if isinstance(x, FactMethod)]
         assert methods, kind
         assert all(method.__doc__ for method in methods), kind
