@@ -222,10 +222,12 @@ def _in_stated_order(
         for x in rename
         if (y := in_place(x)) in recognition.scale
     }
-    said = f"joints {', '.join(in_file)} in the file, as a line above the table says"
+    sentence = (
+        f"joints {', '.join(in_file)} in the file, as a line above the table says"
+    )
     scale = {x: y for x, y in recognition.scale.items() if x not in rename} | factors
     return replace(
-        recognition, rename=rename, scale=scale, said=(*recognition.said, said)
+        recognition, rename=rename, scale=scale, said=(*recognition.said, sentence)
     )
 
 
@@ -255,14 +257,14 @@ def _of_wide_block(
     from sdp_vs_penalty.data.words.names import quantity_of
 
     if recognition is None:
-        said = {x: quantity_of(x) for x in widths}
-        taus = [x for x, quantity in said.items() if quantity == "tau"][:1]
+        quantity_by_block = {x: quantity_of(x) for x in widths}
+        taus = [x for x, quantity in quantity_by_block.items() if quantity == "tau"][:1]
         clock = find_clock(log.columns)
         pairs = {"t": clock} if clock else {}
         recognition = Recognition(pairs | ({"tau": taus[0]} if taus else {}))
         # Without a robot or torques nothing tells how many joints a block of positions has.
         open_to = (None, "q") if joints or taus else (None,)
-        blocks = [x for x, quantity in said.items() if quantity in open_to]
+        blocks = [x for x, quantity in quantity_by_block.items() if quantity in open_to]
     else:
         blocks = [x for x in widths if x == recognition.rename.get("q")]
     n = len(joints) if joints else widths.get(recognition.rename.get("tau", ""))
@@ -334,7 +336,8 @@ def _by_choice(log: Log, choice: Choice) -> Answer | None:
                 f"no column {their_name!r} to take as {our_name} (columns:"
                 f" {brief_names(names)})"
             )
-            raise InputError(what, "give --rename a name of the file", log.path)
+            remedy = "choose a name of the file"
+            raise InputError(what, remedy, log.path, "--rename")
     if {*map(group_of, chosen)} == {"tau"} and not has_our_names(names):
         recognition = recognised_in(log, choice.joints)
         if recognition is not None:
@@ -352,7 +355,8 @@ def _by_choice(log: Log, choice: Choice) -> Answer | None:
         if n > 1:
             channels = " and ".join(x for x, y in rename.items() if y == their_name)
             what = f"column {their_name} is taken as {channels}"
-            raise InputError(what, "give --rename one column a channel", log.path)
+            remedy = "name one column a channel"
+            raise InputError(what, remedy, log.path, "--rename")
     order = _order(log, choice.joints)
     episode = episode_of(log.columns, rename.values())
     recognition = Recognition(rename, logger="", order=order, episode=episode)
@@ -416,12 +420,12 @@ def with_counter(log: Log, recognition: Recognition) -> Recognition:
     rate = log.rate or rate_of(in_si, is_usual=True)
     if rate is None:
         return recognition
-    said = f"t = {counters[0]}, which counts rows at {rate:g} Hz"
+    sentence = f"t = {counters[0]}, which counts rows at {rate:g} Hz"
     return replace(
         recognition,
         rename={"t": counters[0], **recognition.rename},
         scale={**recognition.scale, "t": 1.0 / rate},
-        said=(*recognition.said, said),
+        said=(*recognition.said, sentence),
     )
 
 

@@ -414,7 +414,7 @@ def read_run(
     choice = Choice(names, **chosen)
     if choice.rate is not None and not 0.0 < choice.rate < np.inf:
         what = f"rate {choice.rate!r} is not a frequency above 0 Hz"
-        raise InputError(what, "give the samples a second, like --rate 1000")
+        raise InputError(what, "give the samples a second", command="--rate 1000")
     path = Path(path)
     if _is_joined(path, names or ()):
         from sdp_vs_penalty.data.joined import files_of_run, joined_log
@@ -466,7 +466,7 @@ def _run_of_file(path: Path, choice: Choice) -> Measurements:
         raise InputError("no runs in this folder", "name the file of the run", path)
     if choice.topic is not None and not hasattr(file_format, "HAS_TOPICS"):
         what = "only ROS bags and MCAP files have topics"
-        raise InputError(what, "leave --topic out", path)
+        raise InputError(what, "leave the topic out", path, "--topic")
     return run_of(open_log(path), choice)
 
 

@@ -551,7 +551,8 @@ def _require_one_kind(runs: Sequence[Measurements]) -> None:
     if len(units) > 1:
         named = ", ".join(f"{r.names[0]} in {r.torque_unit or 'N m'}" for r in runs)
         what = f"the runs have torques in different units: {named}"
-        raise InputError(what, "bring them to one unit with convert --scale tau=...")
+        command = "`convert --scale tau=...`"
+        raise InputError(what, "bring them to one unit", command=command)
     if len({run.n for run in runs}) > 1:
         widths = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
         what = f"the runs have different numbers of joints: {widths}"

@@ -65,7 +65,8 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
     )
     robot_of_file = "or choose the problem that belongs to this file"
     if _has_possible_unit(run):
-        return InputError(what, f"convert it by `{run.unit_command}`, {robot_of_file}")
+        command = f"`{run.unit_command}`"
+        return InputError(what, f"convert it, {robot_of_file}", command=command)
     if not is_angle:
         if np.all(_beyond_range(joint, 1e-3 * q) <= 0.0):
             what = f"{what}, and inside it as millimetres"

@@ -68,14 +68,14 @@ def run_of(log: Log, choice: Choice | None = None) -> Measurements:
         log.remark(f"{what}: {how}")
     if recognition.is_identity:
         return replace(run, unit_command=of_first_joints)
-    sentence, said = sentence_and_command(log, recognition, choice)
+    sentence, with_command = sentence_and_command(log, recognition, choice)
     others = {
         name: columns
         for name, columns in recognition.torques.items()
         if not columns.items() <= recognition.rename.items()
     }
     remark = ColumnsRemark(
-        said, _rows_shown(run, recognition.rename), recognition.rename, others
+        with_command, _rows_shown(run, recognition.rename), recognition.rename, others
     )
     warnings.warn(remark, stacklevel=2)
     run = replace(run, reading=f"{log.path.name}: {sentence}")
@@ -284,24 +284,26 @@ def sentence_and_command(
     units = (
         f"{group} in {x.answer}, {x.why}" for group, x in recognition.units.items()
     )
-    said = [
+    sentences = [
         f"columns recognised ({recognition.logger or 'as chosen'}): {', '.join(shown)}"
     ]
-    said += [*units, *recognition.said]
+    sentences += [*units, *recognition.said]
     if recognition.logger and "tau" not in map(group_of, recognition.rename):
-        said.append(
+        sentences.append(
             "no torque is in the file: log it as well, or identify the servos from their"
             " commands with --known, such as a mass"
         )
     named_above = {x.split(" ")[0] for x in (*recognition.units, *recognition.said)}
     if unsaid := sorted(recognition.unsaid - named_above):
-        said.append(f"no name says the unit of {formatting.words(unsaid)}: taken as SI")
+        sentences.append(
+            f"no name says the unit of {formatting.words(unsaid)}: taken as SI"
+        )
     if recognition.joints:
         other = " in the file's order, for the robot's have other names"
-        said.append(
+        sentences.append(
             f"joints {', '.join(recognition.joints)}{other if recognition.has_other_joints else ''}"
         )
-    sentence = "; ".join(said)
+    sentence = "; ".join(sentences)
     is_possible = recognition.is_possible
     format_command = _asking_command if is_possible else repeating_command
     command = "" if log.remedy else format_command(log, recognition, choice)

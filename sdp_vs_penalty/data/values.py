@@ -121,8 +121,8 @@ def _without_sentinels(log: Log, values: Values, clock: Sequence[str]) -> Values
             is_empty[len(np.trim_zeros(size, "b")) :] = True
         elif largest >= _LEAST_SENTINEL and largest == np.round(largest):
             is_empty = size == largest
-            rest = size[~is_empty].max(initial=0.0)
-            is_empty &= (is_empty.mean() < _MOST_GAPS) & (2.0 * rest < largest)
+            largest_other = size[~is_empty].max(initial=0.0)
+            is_empty &= (is_empty.mean() < _MOST_GAPS) & (2.0 * largest_other < largest)
         if is_empty.any():
             empty[name] = is_empty
             numbers.update(x[is_empty].tolist())
@@ -213,19 +213,20 @@ def _aligned(
     stamps = {**log.clocks, "": np.arange(float(n_rows)) if t is None else t}
     seconds = recognition.scale.get("t", 1.0)  # of a unit that names say
     samples, channels = dict[Any, ChannelStamps](), dict[str, tuple[Any, Array]]()
-    for name, own in clocks.items():
+    for name, clock_of_column in clocks.items():
         has_value = ~gaps[name] if name in gaps else np.ones(len(columns[name]), bool)
-        key = own, has_value.tobytes()
+        key = clock_of_column, has_value.tobytes()
         if key not in samples:
-            stamps_of_clock = stamps[own]
+            stamps_of_clock = stamps[clock_of_column]
             rows = np.flatnonzero(has_value & np.isfinite(stamps_of_clock))
             if not len(rows):
                 what = "no sample has a stamp that is a number"
-                raise InputError(
-                    what, "log the clock as well, or give --rate", log.path
-                )
+                remedy = "log the clock as well, or give the rate"
+                raise InputError(what, remedy, log.path, "--rate HZ")
             rows = rows[np.argsort(stamps_of_clock[rows], kind="stable")]
-            samples[key] = ChannelStamps(seconds * stamps_of_clock[rows], rows, own)
+            samples[key] = ChannelStamps(
+                seconds * stamps_of_clock[rows], rows, clock_of_column
+            )
         rows = samples[key].rows
         is_whole = len(rows) == len(columns[name]) and bool(np.all(np.diff(rows) == 1))
         channels[name] = key, columns[name] if is_whole else columns[name][rows]
@@ -478,10 +479,9 @@ def _in_si(draft: Draft) -> Draft:
         if np.isnan(factors).any():
             units = recognition.units[group].answer
             what = f"{group} is in {units}, each of some joints"
-            remedy = (
-                f"give --problem, or a unit a joint, such as --scale {group}=mm:deg"
-            )
-            raise InputError(what, remedy, draft.log.path)
+            remedy = "name the robot, or give a unit a joint"
+            command = f"--problem, or --scale {group}=mm:deg"
+            raise InputError(what, remedy, draft.log.path, command)
         if any(factor != 1.0 for factor in factors):
             parts = (part * factors for _, part in iter_chunks(x))
             blocks[group] = concatenate_chunks([x[:0], *parts])
@@ -542,10 +542,10 @@ def _one_after_the_other(
         return t, None
     begins = begins & ~set_back
     n_episodes = formatting.count(int(np.sum(begins)) + 1, "episode")
-    said = f"{n_episodes} one after the other, a second apart"
+    sentence = f"{n_episodes} one after the other, a second apart"
     if not begins.any():
-        said = "the clock was set back while the motion goes on: continued"
-    log.remark(said)
+        sentence = "the clock was set back while the motion goes on: continued"
+    log.remark(sentence)
     return t + np.cumsum(np.append(0.0, added)), np.cumsum(np.append(0, begins))
 
 

@@ -281,11 +281,9 @@ def separate(
     search.start(rng)
     search.change_at_random(rng, iterations, progress)
     if search.trajectory is None:
-        remedy = (
-            "widen the limits of position or torque, or lengthen the motion with"
-            " --duration"
-        )
-        raise InputError("no motion from point to point keeps the limits", remedy)
+        what = "no motion from point to point keeps the limits"
+        remedy = "widen the limits of position or torque, or lengthen the motion"
+        raise InputError(what, remedy, command="--duration")
     # The default excitation is random: the median of three.
     distances = []
     for default_seed in range(seed, seed + 3):

@@ -117,8 +117,9 @@ class Content:
                     f" {estimate.links[k, 0]:.3g} kg, and its body reaches"
                     f" {body.reach:.3g} m (from its {body.source})",
                     "identify with the default method, which keeps every link in its"
-                    " body, or pass --force",
+                    " body, or accept it as it is",
                     f"link {k + 1}",
+                    "--force",
                 )
         return content
 
@@ -442,7 +443,8 @@ def payload(estimate: Estimate) -> Inertial:
     if parameters is None:
         raise InputError(
             "the model has no payload",
-            "add one: `sdp-vs-penalty add model.json payload --frozen`",
+            "add one",
+            command="`sdp-vs-penalty add model.json payload --frozen`",
         )
     _, load = parameters
     require_consistent(load, "payload")

@@ -42,10 +42,12 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
         if isinstance(error, OSError) and error.errno not in (None, EINVAL):
             raise  # whoever opened the file says so
         lines = str(error).splitlines()
+        command = ""
         what = lines[0][:200] if lines else type(error).__name__
         if "end magic" in what or "Truncated" in what:
-            remedy = "save what is left with `mcap recover`"
-        raise InputError(f"not a readable {kind} ({what})", remedy, path) from error
+            remedy, command = "save what is left", "`mcap recover`"
+        what = f"not a readable {kind} ({what})"
+        raise InputError(what, remedy, path, command) from error
 
 
 def parse_apart(

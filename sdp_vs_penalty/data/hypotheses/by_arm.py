@@ -190,9 +190,9 @@ def with_unit_of_positions(
     if odds_of_gears <= _POSSIBLE and (
         is_explained or _explains(apart(best.in_si(q), tau))
     ):
-        said = (*recognition.said, f"{_Q_MAY_BE}{words}: {why}")
+        sentences = (*recognition.said, f"{_Q_MAY_BE}{words}: {why}")
         scale = {"q": best.scale_words(robot)}
-        return replace(recognition, said=said, possible_scale=scale), blocks
+        return replace(recognition, said=sentences, possible_scale=scale), blocks
     if (
         recognition.unless_confirmed is not None
     ):  # gears of any ratio confirm no columns
@@ -231,11 +231,11 @@ def _in_certain_unit(
     recognition = replace(recognition, unit_by_arm=unit.words)
     if "tau" in recognition.unsaid and size > 0.0:
         is_usual = max(size, 1.0 / size) < _OTHER_SIZE
-        said = (
+        sentence = (
             f"tau {'in' if is_usual else 'hardly in'} N m, which no name says: they are"
             f" {size:.2g} times what the arm's nominal links need"
         )
-        recognition = replace(recognition, said=(*recognition.said, said))
+        recognition = replace(recognition, said=(*recognition.said, sentence))
     recognition = recognition.with_unit("q", ColumnHypothesis(words, 1.0, why))
     recognition = recognition.with_factors("q", unit.scale.tolist())
     if not unit.middle.any():
@@ -282,14 +282,14 @@ def _with_possible_gears(
     options = ["--motors", words]
     if of_joints < of_motors:
         options.append("--joint-torque")
-    said = (
+    sentence = (
         f"q may be of motors behind gears of {words}: outside the joints' ranges as radians,"
         f" and with these ratios the arm leaves {formatting.percent(share, 2)} of the"
         " torques (write the ratios of the data sheet: a joint that bears little hardly"
         " tells its own)"
     )
     return replace(
-        recognition, said=(*recognition.said, said), possible_options=tuple(options)
+        recognition, said=(*recognition.said, sentence), possible_options=tuple(options)
     )
 
 
@@ -353,9 +353,9 @@ def with_lengths(recognition: Recognition, robot: Robot) -> Recognition:
             recognition = recognition.with_factors(group, factors.tolist())
         if np.isin(factors[slides], (UNITS["deg"], _TURN)).any():
             factors[slides] = 1.0
-            said = f"{group} of prismatic joints in m, which no angle is"
+            sentence = f"{group} of prismatic joints in m, which no angle is"
             recognition = recognition.with_factors(group, factors.tolist())
-            recognition = replace(recognition, said=(*recognition.said, said))
+            recognition = replace(recognition, said=(*recognition.said, sentence))
     return recognition
 
 
@@ -396,21 +396,21 @@ def with_joint_side(
             factors = recognition.factors(group, q.shape[1])
             blocks[group] = side.joint_positions(factors * blocks[group], rates=rates)
             recognition = recognition.without_unit(group)
-    said = (
+    sentence = (
         f"{text} are the motors': the robot's transmission makes the joints' of them, of"
         f" which the arm leaves {formatting.percent(share, 2)}"
     )
-    kept = [
+    others = [
         x for x in recognition.said if not (_says_motors(x) or x.startswith(_Q_MAY_BE))
     ]
     return replace(
-        recognition, said=(*kept, said), possible_scale={}, is_of_arm=True
+        recognition, said=(*others, sentence), possible_scale={}, is_of_arm=True
     ), blocks
 
 
-def _says_motors(said: str) -> bool:
+def _says_motors(sentence: str) -> bool:
     """Tell whether a sentence is that of columns whose names say motors."""
-    return said.startswith(("q are the motors'", "tau are the motors'"))
+    return sentence.startswith(("q are the motors'", "tau are the motors'"))
 
 
 def _odds_of_gears(
@@ -562,14 +562,14 @@ def with_channel_of_torque(
         for x in hypotheses
         if x is not best
     ]
-    said = [f"tau: {best.why}"] if best.why else []
-    said.append(
+    sentences = [f"tau: {best.why}"] if best.why else []
+    sentences.append(
         f"not used, of the same joints: {formatting.words(others)}: name them in"
         " --rename to take them"
     )
     blocks = {**blocks, "tau": channels[best.answer]}
     recognition = with_torque(recognition, recognition.torques[best.answer])
-    return replace(recognition, said=(*recognition.said, *said)), blocks
+    return replace(recognition, said=(*recognition.said, *sentences)), blocks
 
 
 def with_signed_register(
@@ -632,10 +632,12 @@ def confirmed(recognition: Recognition, blocks: Arrays, fit: Fit) -> Recognition
     is_velocity = rate_from_velocities(q, tau) is not None
     if of_torques is None or of_torques.share > EXPLAINS_NONE or is_velocity:
         raise recognition.unless_confirmed
-    said = f"the arm leaves {formatting.percent(of_torques.share, 2)} of the torques so"
+    sentence = (
+        f"the arm leaves {formatting.percent(of_torques.share, 2)} of the torques so"
+    )
     return replace(
         recognition,
-        said=(*recognition.said, said),
+        said=(*recognition.said, sentence),
         unless_confirmed=None,
         share=of_torques.share,
         is_confirmed=True,

@@ -155,8 +155,9 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
         if not columns:
             near = fnmatch.filter(names, their_name)[:4]
             shown = ", ".join(near) or "none that is numbered"
-            remedy = "give --rename a pattern of the file's names"
-            raise InputError(f"no column {their_name!r} ({shown})", remedy)
+            what = f"no column {their_name!r} ({shown})"
+            remedy = "give a pattern of the file's names"
+            raise InputError(what, remedy, command="--rename")
         for k, (_, name) in enumerate(columns, start=1):
             out[f"{our_name.rstrip('*')}{k}"] = name
     return out
