@@ -336,7 +336,7 @@ def _by_choice(log: Log, choice: Choice) -> Answer | None:
                 f"no column {their_name!r} to take as {our_name} (columns:"
                 f" {brief_names(names)})"
             )
-            remedy = "choose a name of the file"
+            remedy = "give a name of the file"
             raise InputError(what, remedy, log.path, "--rename")
     if {*map(group_of, chosen)} == {"tau"} and not has_our_names(names):
         recognition = recognised_in(log, choice.joints)
@@ -355,7 +355,7 @@ def _by_choice(log: Log, choice: Choice) -> Answer | None:
         if n > 1:
             channels = " and ".join(x for x, y in rename.items() if y == their_name)
             what = f"column {their_name} is taken as {channels}"
-            remedy = "name one column a channel"
+            remedy = "give one column a channel"
             raise InputError(what, remedy, log.path, "--rename")
     order = _order(log, choice.joints)
     episode = episode_of(log.columns, rename.values())
