@@ -10,7 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty.data.columns import OUR_CLOCK, Choice
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
-from sdp_vs_penalty.data.log import Log
+from sdp_vs_penalty.data.log import ROWS_JUDGED, Log
 from sdp_vs_penalty.robot.arrays import Array, Arrays, Indices
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -79,7 +79,7 @@ class Draft:
             return self
         kind = recognition.inferred["t"]
         if kind == OUR_CLOCK:
-            step = np.median(np.diff(t))
+            step = np.median(np.diff(t[:ROWS_JUDGED]))
             if not step > 0.0 or _USUAL_STEPS[0] <= step <= _USUAL_STEPS[1]:
                 return self
         from sdp_vs_penalty.data.hypotheses import weighing as w
@@ -87,7 +87,7 @@ class Draft:
         if kind == OUR_CLOCK and (dated := w.unit_of_dates(t)):
             return replace(self, recognition=recognition.with_unit("t", dated))
 
-        part = slice(w.ROWS_JUDGED)
+        part = slice(ROWS_JUDGED)
         motion = [
             block[part] * recognition.factors(x, block.shape[1])
             for x in ("q", "dq")

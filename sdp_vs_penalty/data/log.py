@@ -14,6 +14,8 @@ from sdp_vs_penalty.robot.arrays import Array, Arrays, Indices, Mask
 
 #: Rows by which a column is described.
 ROWS_DESCRIBED = 50
+#: Rows from which the units and the rate of a long file are judged.
+ROWS_JUDGED = 100_000
 
 
 @dataclass(frozen=True)

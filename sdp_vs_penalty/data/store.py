@@ -204,7 +204,8 @@ def _room() -> Iterator[None]:
 
 
 def concatenate_chunks(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
-    """Concatenate chunks (N_i, ...); a large result lies in a temporary file.
+    """Concatenate chunks (N_i, ...), each of which is made when it is its turn; a large
+    result lies in a temporary file.
 
     Returns
     -------

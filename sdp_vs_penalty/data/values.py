@@ -23,7 +23,7 @@ from sdp_vs_penalty.data.columns import (
 )
 from sdp_vs_penalty.data.draft import RIVAL, Draft
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
-from sdp_vs_penalty.data.log import Log, Values
+from sdp_vs_penalty.data.log import ROWS_JUDGED, Log, Values
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import far_outside
 from sdp_vs_penalty.data.store import (
@@ -36,6 +36,7 @@ from sdp_vs_penalty.data.stretches.gaps import (
     goes_on,
     is_set_back,
     order_of_time,
+    rows_before_steps_back,
     spaced_evenly,
     usual_step,
 )
@@ -114,16 +115,8 @@ def _without_sentinels(log: Log, values: Values, clock: Sequence[str]) -> Values
     for name, x in values.columns.items():
         if x.ndim > 1 or not x.any():
             continue
-        is_empty = np.zeros(len(x), bool)
-        size = np.where(np.isfinite(x), np.abs(x), 0.0)
-        largest = size.max()
-        if clock == [name]:
-            is_empty[len(np.trim_zeros(size, "b")) :] = True
-        elif largest >= _LEAST_SENTINEL and largest == np.round(largest):
-            is_empty = size == largest
-            largest_other = size[~is_empty].max(initial=0.0)
-            is_empty &= (is_empty.mean() < _MOST_GAPS) & (2.0 * largest_other < largest)
-        if is_empty.any():
+        is_empty = _zeros_behind_clock(x) if clock == [name] else _far_larger_number(x)
+        if is_empty is not None:
             empty[name] = is_empty
             numbers.update(x[is_empty].tolist())
     numbers = Counter({number: n for number, n in numbers.items() if n > 1})
@@ -136,6 +129,34 @@ def _without_sentinels(log: Log, values: Values, clock: Sequence[str]) -> Values
     for number, n in numbers.items():
         log.remark(f"{n} cells of {number:g} are no measurements: taken as empty")
     return replace(values, columns=columns, gaps=gaps)
+
+
+def _zeros_behind_clock(t: Array) -> Mask | None:
+    """Return which of N stamps lie behind the last one that is finite and not zero; None
+    where none does."""
+    n_stamps = 0
+    for first, part in iter_chunks(t):
+        rows = np.flatnonzero(_finite_sizes(part))
+        n_stamps = first + int(rows[-1]) + 1 if len(rows) else n_stamps
+    return np.asarray(np.arange(len(t)) >= n_stamps) if n_stamps < len(t) else None
+
+
+def _far_larger_number(x: Array) -> Mask | None:
+    """Return which cells (N,) of a column hold its largest number, if that is whole, in few
+    cells and more than twice as large as all others; None where it is not."""
+    largest = max(float(_finite_sizes(part).max()) for _, part in iter_chunks(x))
+    if largest < _LEAST_SENTINEL or largest != np.round(largest):
+        return None
+    sizes = _finite_sizes(x)
+    is_largest = sizes == largest
+    largest_other = sizes[~is_largest].max(initial=0.0)
+    is_far = 2.0 * largest_other < largest and is_largest.mean() < _MOST_GAPS
+    return is_largest if is_far else None
+
+
+def _finite_sizes(x: Array) -> Array:
+    """Return the absolute values (N,) of numbers, 0 of what is not finite."""
+    return np.where(np.isfinite(x), np.abs(x), 0.0)
 
 
 def _in_one_order(
@@ -279,7 +300,7 @@ def _stamps(log: Log, clock: Sequence[str], columns: Arrays) -> Array:
 def _in_order_of_time(draft: Draft) -> Draft:
     """Put rows that stand in no order of time in that of their stamps."""
     t, columns, rows = draft.stamps, draft.columns, draft.rows
-    if t is None or not np.any(np.diff(t) < 0.0):
+    if t is None or not len(rows_before_steps_back(t)):
         return draft
     order = order_of_time(t, np.column_stack([columns[x] for x in draft.groups["q"]]))
     if order is None:
@@ -355,7 +376,7 @@ def _block(log: Log, group: str, parts: Sequence[Array], count: int) -> Array:
         np.column_stack([np.ravel(x[start : start + PART]) for x in parts])
         for start, _ in iter_chunks(parts[0])
     )
-    return concatenate_chunks([np.zeros((0, len(parts))), *chunks])
+    return concatenate_chunks(chain([np.zeros((0, len(parts)))], chunks))
 
 
 def _with_the_same_joints(draft: Draft) -> Draft:
@@ -415,7 +436,7 @@ def _with_units_of_angles(draft: Draft) -> Draft:
     from sdp_vs_penalty.data.hypotheses import weighing as w
 
     for group, kind in angles.items():
-        unit = w.unit_of_angles(blocks["q"][: w.ROWS_JUDGED], kind)
+        unit = w.unit_of_angles(blocks["q"][:ROWS_JUDGED], kind)
         if unit.answer == w.DEGREES_OR_PERCENT and group != "q" and "tau" in blocks:
             # Commands may be in per cent of other ranges.
             blocks = {x: block for x, block in blocks.items() if x != group}
@@ -483,12 +504,17 @@ def _in_si(draft: Draft) -> Draft:
             command = f"--problem, or --scale {group}=mm:deg"
             raise InputError(what, remedy, draft.log.path, command)
         if any(factor != 1.0 for factor in factors):
-            parts = (part * factors for _, part in iter_chunks(x))
-            blocks[group] = concatenate_chunks([x[:0], *parts])
+            blocks[group] = _multiplied(x, factors)
     t = draft.t
     if choice.rate is None and "t" in recognition.scale:
-        t = t * recognition.scale["t"]
+        t = _multiplied(t, recognition.scale["t"])
     return replace(draft, recognition=recognition, t=t, blocks=blocks)
+
+
+def _multiplied(x: Array, factors: float | Sequence[float]) -> Array:
+    """Return channels (N, ...) times a factor, or n of them, chunk by chunk."""
+    parts = (part * factors for _, part in iter_chunks(x))
+    return concatenate_chunks(chain([x[:0]], parts))
 
 
 def _with_velocities_in_unit_of_positions(draft: Draft) -> Draft:
@@ -575,23 +601,27 @@ def _without_idle_joints(run: Measurements, draft: Draft) -> Measurements:
 
 def _without_copies(run: Measurements, draft: Draft) -> Measurements:
     """Leave out rows like the one before, the stamp too, where they are few."""
-    is_copy = _repeats_row_before(run)
-    if draft.choice.as_written or not 0 < is_copy.sum() < _MOST_GAPS * len(is_copy):
+    copies = _rows_like_the_one_before(run)
+    n_rows = len(run.t)
+    if draft.choice.as_written or not 0 < len(copies) < _MOST_GAPS * n_rows:
         return run
-    many = formatting.count(int(is_copy.sum()), "row")
+    many = formatting.count(len(copies), "row")
     draft.log.remark(f"{many} like the one before, the stamp too: left out")
     if run.file_rows is None:
-        run = replace(run, file_rows=np.arange(2, len(is_copy) + 2))
-    return run.rows(~is_copy)
+        run = replace(run, file_rows=np.arange(2, n_rows + 2))
+    is_first = np.ones(n_rows, bool)
+    is_first[copies] = False
+    return run.rows(is_first)
 
 
-def _repeats_row_before(run: Measurements) -> Mask:
-    """Return which rows (N,) are copies of the one before, with the same stamp."""
-    is_copy = np.append(False, np.diff(run.t) == 0.0)[: len(run.t)]
-    rows = np.flatnonzero(is_copy)
-    for x in run.groups.values() if len(rows) else ():
-        is_copy[rows] &= (x[rows] == x[rows - 1]).all(axis=1)
-    return is_copy
+def _rows_like_the_one_before(run: Measurements) -> Indices:
+    """Return the rows (K,) that are copies of the one before, with the same stamp."""
+    parts = iter_chunks(run.t, overlap=1)
+    rows = [first + 1 + np.flatnonzero(np.diff(part) == 0.0) for first, part in parts]
+    copies = np.concatenate([np.zeros(0, np.intp), *rows])
+    for x in run.groups.values() if len(copies) else ():
+        copies = copies[(x[copies] == x[copies - 1]).all(axis=1)]
+    return copies
 
 
 def _with_even_stamps(run: Measurements, draft: Draft) -> Measurements:

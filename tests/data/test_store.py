@@ -34,7 +34,8 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
         save(run, path)
     whole = load_measurements(path)
     monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)
-    for home in ("store", "measurements", "formats.parquet", "formats.bag", "values"):
+    # The store's comes last: a module that is first imported by this loop takes it over.
+    for home in ("measurements", "formats.parquet", "formats.bag", "values", "store"):
         monkeypatch.setattr(f"sdp_vs_penalty.data.{home}.PART", 77)
     pieces = load_measurements(path)
     assert mapped(pieces.q)
@@ -129,8 +130,9 @@ def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):
     problem = load_problem("two_link")
     peaks = []
     run = small_run(problem, seconds=20.0)
-    for times in (2, 8):
-        q, tau = np.tile(run.q, (50 * times, 1)), np.tile(run.tau, (50 * times, 1))
+    # The first run imports modules; of the others each column is mapped.
+    for times in (10, 400, 1200):
+        q, tau = np.tile(run.q, (times, 1)), np.tile(run.tau, (times, 1))
         path = tmp_path / f"{times}.parquet"
         save(Measurements(1e-3 * np.arange(len(q)), q, tau), path)
         del q, tau
@@ -139,4 +141,4 @@ def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         os.remove(path)
-    assert peaks[1] < 1.3 * peaks[0]
+    assert peaks[2] < 1.1 * peaks[1]

@@ -17,7 +17,7 @@ from sdp_vs_penalty.data.store import PART, AppendableArray
 from sdp_vs_penalty.data.words.stamps import is_stamp, seconds_of
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import memory_for, path_or_file, unpacks_to_too_much, writing
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, Mask
 
 SUFFIXES: tuple[str, ...] = (".parquet", ".pq")
 
@@ -47,7 +47,8 @@ def read(path: Path) -> Log:
 def _read_columns(path: Path, names: Sequence[str]) -> Values:
     """Read columns as numbers, part by part; a cell without a value is a gap."""
     numbers = {name: AppendableArray() for name in names}
-    empty_cells = {name: AppendableArray() for name in names}
+    rows_without_value = {name: AppendableArray() for name in names}
+    n_rows = 0
     with _opened(path) as file:
         # A file without rows has no batches, but its columns' types make empty arrays.
         if file.metadata.num_rows == 0:
@@ -61,12 +62,16 @@ def _read_columns(path: Path, names: Sequence[str]) -> Values:
             for name in names:
                 column = batch.column(name)
                 numbers[name].append(numbers_of(path, name, column))
-                empty_cells[name].append(
-                    column.is_null().to_numpy(zero_copy_only=False)
-                )
-    gaps = {name: gap for name, x in empty_cells.items() if (gap := x.array()).any()}
+                if column.null_count:
+                    is_null = column.is_null().to_numpy(zero_copy_only=False)
+                    rows_without_value[name].append(n_rows + np.flatnonzero(is_null))
+            n_rows += len(batch)
+    gaps = dict[str, Mask]()
+    for name, rows in rows_without_value.items():
+        if len(empty := rows.array()):
+            gaps[name] = np.zeros(n_rows, bool)
+            gaps[name][empty] = True
     values = {name: x.array() for name, x in numbers.items()}
-    n_rows = max(map(len, values.values()), default=0)
     # A Parquet table has no header: its rows count from 1. Only gaps need the numbers.
     return Values(values, np.arange(1, n_rows + 1) if gaps else None, gaps)
 

@@ -11,7 +11,7 @@ from itertools import permutations
 
 import numpy as np
 
-from sdp_vs_penalty.data.hypotheses.weighing import ROWS_JUDGED
+from sdp_vs_penalty.data.log import ROWS_JUDGED
 from sdp_vs_penalty.robot.arrays import Array, Arrays
 
 #: Steps of a clock are so many times the usual one, in nine of ten.

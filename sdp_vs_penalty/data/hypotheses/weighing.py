@@ -13,6 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.hypotheses.arm import N_PARTS, ChannelFit
+from sdp_vs_penalty.data.log import ROWS_JUDGED
 from sdp_vs_penalty.data.words import table
 from sdp_vs_penalty.data.words.units import LARGEST_PERCENT, UNITS
 from sdp_vs_penalty.robot.arrays import Array, Arrays
@@ -26,8 +27,6 @@ TIME = "time"
 CERTAIN = 1e3
 #: The unit of positions that may be either.
 DEGREES_OR_PERCENT = "degrees or per cent of each joint's range"
-#: Rows from which the units and the rate of a long file are judged.
-ROWS_JUDGED = 100_000
 #: Angles beyond two turns are in degrees [rad].
 _TWO_TURNS = 4.0 * np.pi
 #: Steps of a clock are mostly shorter [s].

@@ -68,11 +68,17 @@ def rows_behind_pauses(t: Array) -> Indices:
     return rows_behind_gaps(t, PAUSE)
 
 
+def rows_before_steps_back(t: Array) -> Indices:
+    """Return the rows (K,) of stamps t (N,) behind which the next stamp is an earlier one."""
+    parts = iter_chunks(t, overlap=1)
+    rows = [first + np.flatnonzero(np.diff(part) < 0.0) for first, part in parts]
+    return np.concatenate([np.zeros(0, np.intp), *rows])
+
+
 def is_set_back(t: Array) -> bool:
     """Return whether a clock with stamps t (N,) was set back, once or more: more than
     FEWEST_ROWS rows lie before, between and behind its steps back in time."""
-    back = [first + np.flatnonzero(np.diff(x) < 0.0) for first, x in iter_chunks(t, 1)]
-    rows = np.concatenate(back)
+    rows = rows_before_steps_back(t)
     lengths = np.diff(rows, prepend=0, append=len(t) - 1)
     return len(rows) > 0 and bool(np.all(lengths > FEWEST_ROWS))
 

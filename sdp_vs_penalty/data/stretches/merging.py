@@ -9,6 +9,7 @@ makes an error of two milliseconds of speed.
 from collections.abc import Collection, Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -181,7 +182,7 @@ def align(
             columns[name] = values[ways[key].nearest[rows]]
         else:
             parts = (ways[key].values(values, part) for _, part in iter_chunks(rows))
-            columns[name] = concatenate_chunks([values[:0], *parts])
+            columns[name] = concatenate_chunks(chain([values[:0]], parts))
     distances = [1e3 * x.distances[rows] for x in ways.values()]  # [ms]
     distances = [x for x in distances if len(x) and x.max() > 1e-6]
     remark = ""
