@@ -19,7 +19,7 @@ from sdp_vs_penalty import Problem, convert, load_measurements
 from sdp_vs_penalty.data import read_run
 from sdp_vs_penalty.data.files import as_measurements
 from sdp_vs_penalty.data.hypotheses import by_arm
-from sdp_vs_penalty.data.hypotheses.arm import ChannelFit
+from sdp_vs_penalty.data.hypotheses.arm import ChannelFit, fit_arm
 from sdp_vs_penalty.data.hypotheses.channels import Recognition
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.errors import ColumnsRemark, InputError
@@ -240,6 +240,47 @@ def test_a_slide_s_position_is_no_angle(tmp_path):
     got = convert(path, problem=problem)
     np.testing.assert_allclose(got.q, motion.q)
     np.testing.assert_allclose(got.dq, motion.dq, rtol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def three_joints(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "arm.urdf"
+    return load_problem(write_urdf(path, "arm", (TURN, SHOULDER, ELBOW)))
+
+
+@pytest.fixture(scope="module")
+def braked(three_joints):
+    """A motion of three joints of which the first, whose axis is vertical, is held."""
+    return small_run(three_joints, seconds=8.0, reach=np.array([0.0, 1.0, 1.0]))
+
+
+@pytest.mark.parametrize("factor", [1.0, np.pi / 180.0, 1e-3, 1e-5])
+def test_what_does_not_vary_tells_no_unit(factor, three_joints, braked):
+    """Rounding makes spreads of constant channels that are not zero in some units."""
+    t, q, tau = braked.t, braked.q, braked.tau
+    at_rest, holding = (0.0 * x + x[401] for x in (np.degrees(q), tau))
+    robot = three_joints.robot
+    assert fit_arm(robot, t, factor * at_rest, tau) is None
+    assert fit_arm(robot, t, factor * np.degrees(q), holding) is None
+
+
+@pytest.mark.parametrize("each_in_its_unit", [True, False])
+def test_a_joint_at_rest_tells_no_more_than_its_zero(
+    each_in_its_unit, three_joints, braked
+):
+    fits = []
+    for angle, torque in ((0.0, 0.0), (0.7, 1.3)):
+        q, tau = braked.q.copy(), braked.tau.copy()
+        q[:, 0], tau[:, 0] = angle, torque
+        fits.append(
+            fit_arm(
+                three_joints.robot, braked.t, q, tau, each_in_its_unit=each_in_its_unit
+            )
+        )
+    at_zero, elsewhere = fits
+    assert at_zero.share < 0.05
+    assert elsewhere.share == pytest.approx(at_zero.share, rel=1e-3)
+    assert elsewhere.friction == pytest.approx(at_zero.friction, rel=1e-3)
 
 
 def test_convert_says_what_the_arm_has_to_decide(run, tmp_path, capsys, monkeypatch):

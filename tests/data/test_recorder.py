@@ -55,7 +55,7 @@ def noisy(tau):
 @pytest.fixture
 def logs(tmp_path, motion):
     """Logs of one recorder, in degrees: of the first the arm tells it, of noise, of little
-    motion and of an arm that stands still it does not."""
+    motion, of an arm that stands still and of constant numbers it does not."""
     t, q, tau = motion.t, np.degrees(motion.q), motion.tau
     rng = np.random.default_rng(3)
     still = q[400] + 0.01 * rng.normal(size=q.shape)
@@ -65,10 +65,13 @@ def logs(tmp_path, motion):
         "noisy": write(tmp_path / "noisy.csv", t, q, noisy(tau)),
         "little": write(tmp_path / "little.csv", t, 5e-3 * q, tau),
         "still": write(tmp_path / "still.csv", t, still, holding),
+        "constant": write(
+            tmp_path / "constant.csv", t, 0 * q + q[400], 0 * tau + tau[400]
+        ),
     }
 
 
-@pytest.mark.parametrize("other", ["noisy", "little", "still"])
+@pytest.mark.parametrize("other", ["noisy", "little", "still", "constant"])
 def test_the_clearest_log_tells_the_unit_of_all(other, logs, arm):
     alone, _ = together([logs[other]], arm)
     for files in ([logs["clear"], logs[other]], [logs[other], logs["clear"]]):
@@ -78,6 +81,7 @@ def test_the_clearest_log_tells_the_unit_of_all(other, logs, arm):
         np.testing.assert_allclose(got, np.radians(alone[0].q), atol=1e-9)
         assert "as the arm tells of clear.csv, with the same columns" in said
         assert "q may be" not in said  # what the first reading supposed
+        assert "other values" not in said
 
 
 def test_other_columns_are_of_another_recorder(logs, arm, motion, tmp_path):

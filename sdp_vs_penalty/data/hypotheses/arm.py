@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sdp_vs_penalty.data.stretches.gaps import stray_rows
-from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.arrays import Array, Mask, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.threads import on_one_thread
 
@@ -25,6 +25,9 @@ _LEAST_BIT = 6
 _NARROWEST = 5
 #: Rows of the shortest log that is judged.
 _SHORTEST = 100
+#: A channel that varies by less than this share of its size is constant: sums of its values
+#: are rounded to about as much.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -55,8 +58,9 @@ def fit_arm(
     Masses and frictions are of any size, so that the unit of the torques (N, n) does not
     matter. Of nominal links (n, 10) one factor each is fitted: in a wrong unit of positions
     any links explain much, the arm's do not. Rows beside a gap of the clock t (N,) [s] are
-    left out, for derivatives reach over it; so are rows of another clock. None
-    for a log that is too short, or in which nothing moves.
+    left out, for derivatives reach over it; so are rows of another clock. A torque that is
+    constant shows nothing and is left out. None for a log that is too short, in which
+    nothing moves, or in which all torques are constant.
 
     Parameters
     ----------
@@ -70,10 +74,13 @@ def fit_arm(
     t, q, tau = (x[whole][:_ROWS] for x in (t, q, tau))
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) else 0.0
-    moving = int(np.argmax(np.std(q, axis=0))) if len(q) else 0
-    spread = float(np.std(q[:, moving])) if len(q) else 0.0
-    if len(q) < _SHORTEST or not spread * step > 0.0 or not tau.std(axis=0).all():
+    if len(q) < _SHORTEST or not step > 0.0:
         return None
+    does_move, is_loaded = _varies(q), _varies(tau)
+    if not does_move.any() or not is_loaded.any():
+        return None
+    moving = int(np.argmax(np.std(q, axis=0)))
+    spread = float(np.std(q[:, moving]))
     from scipy.signal import savgol_filter
 
     width = _NARROWEST
@@ -90,9 +97,10 @@ def fit_arm(
     if len(rows) < _SHORTEST:
         return None
     q, dq, ddq = (savgol_filter(q, width, 3, k, step, axis=0)[rows] for k in range(3))
+    # The filter's derivatives of a constant position are rounding errors.
+    dq, ddq = does_move * dq, does_move * ddq
     tau = savgol_filter(tau, width, 3, axis=0)[rows]
     usual_speed = nonzero_or_one(np.std(dq, axis=0))
-    spreads = nonzero_or_one(np.std(tau, axis=0))
     count, n = tau.shape
     rigid = np.asarray(robot.regressor(q, dq, ddq)).reshape(count, n, -1)
     if links is not None:
@@ -100,12 +108,15 @@ def fit_arm(
         rigid = np.asarray(np.einsum("knlp,lp->knl", of_links, links))
     friction = np.tanh(10.0 * dq / usual_speed)
     laws = np.stack([ddq, np.ones_like(dq), dq, friction])  # of each joint alone
-    own = np.einsum("kij,jl->ijkl", laws, np.eye(n)).reshape(count, n, -1)
-    columns = np.concatenate([rigid, own], axis=2) / spreads[:, None]
+    of_one_joint = np.einsum("kij,jl->ijkl", laws, np.eye(n)).reshape(count, n, -1)
+    tau, rigid, of_one_joint = (x[:, is_loaded] for x in (tau, rigid, of_one_joint))
+    spreads = nonzero_or_one(np.std(tau, axis=0))
+    columns = np.concatenate([rigid, of_one_joint], axis=2) / spreads[:, None]
     scale = nonzero_or_one(np.linalg.norm(columns, axis=(0, 1)))
     rows = np.concatenate([columns / scale, (tau / spreads)[:, :, None]], axis=2)
     left = list[Array]()
-    for of_joint in np.split(rows, n, axis=1) if each_in_its_unit else [rows]:
+    joints = np.split(rows, tau.shape[1], axis=1) if each_in_its_unit else [rows]
+    for of_joint in joints:
         parts = np.array_split(of_joint, N_PARTS)
         factors = [_triangular(list(x)) for x in parts]
         for k, part in enumerate(parts):
@@ -116,16 +127,21 @@ def fit_arm(
     if each_in_its_unit:
         return ChannelFit(share, friction=0.0)
     of_friction = slice(-2 * n, None)
-    power = own[:, :, of_friction] @ (theta / scale)[of_friction] * dq
+    speeds = (dq / usual_speed)[:, is_loaded]
+    power = of_one_joint[:, :, of_friction] @ (theta / scale)[of_friction] * speeds
     needed = float(np.linalg.norm(rigid.sum(axis=2) / spreads))
     factors_of_links = (theta / scale)[: rigid.shape[2]]
     size = float(np.linalg.norm(rigid @ factors_of_links / spreads))
     is_known = links is not None and needed > 0.0
     return ChannelFit(
-        share,
-        float(np.mean(power / spreads / usual_speed)),
-        size / needed if is_known else 0.0,
+        share, float(np.mean(power / spreads)), size / needed if is_known else 0.0
     )
+
+
+def _varies(channels: Array) -> Mask:
+    """Return which of n channels (N, n) are not constant."""
+    sizes = np.abs(channels).max(axis=0)
+    return np.asarray(np.ptp(channels, axis=0) > _ROUNDING * sizes)
 
 
 def _triangular(blocks: list[Array]) -> Array:
