@@ -167,16 +167,19 @@ class Registry(Generic[P]):
         return self.find(self.name_of(plugin)) is plugin
 
     def provider(self, name: str) -> str:
-        """Return the package that brings a plug-in, with its version: "theirs 1.0"; ""
-        for ours, and for a name that is unknown."""
+        """Return the package that brings a plug-in, with its version: "theirs 1.0"; the
+        module of one that was registered by hand, or read from a file; "" for ours, and
+        for a name that is unknown."""
         plugin: Any = self.find(name)
-        home = getattr(plugin, "__module__", getattr(plugin, "__name__", ""))
-        if plugin is None or home.startswith(f"{self.package}."):
+        # A plug-in is a class, or a module.
+        module = getattr(plugin, "__module__", getattr(plugin, "__name__", ""))
+        is_ours = module.startswith(f"{self.package}.")
+        if plugin is None or is_ours:
             return ""
-        for point in installed_entry_points().select(group=self.package):
-            if point.load() is plugin:
-                return _distribution(point)
-        return str(home)
+        for entry_point in installed_entry_points().select(group=self.package):
+            if entry_point.load() is plugin:
+                return _distribution(entry_point)
+        return str(module)
 
 
 def _place(plugin: Any) -> tuple[str, str]:

@@ -315,7 +315,7 @@ def sentence_and_command(
 def repeating_command(log: Log, recognition: Recognition, choice: Choice) -> str:
     """Format the `convert` command that states a reading of the columns explicitly; ""
     where no command does."""
-    from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
+    from sdp_vs_penalty.data.hypotheses.renaming import convert_options
 
     words = list[str]()
     if (
@@ -326,7 +326,7 @@ def repeating_command(log: Log, recognition: Recognition, choice: Choice) -> str
     else:
         rate = choice.rate or recognition.rate
         text = f"{rate:.12g}" if rate else ""
-        words = choosing_words(recognition, log.names, text, choice.scale or {})
+        words = convert_options(recognition, log.names, text, choice.scale or {})
     return formatting.convert_command(log.path, *words, *choice.options)
 
 

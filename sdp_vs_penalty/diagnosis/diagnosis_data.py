@@ -174,14 +174,18 @@ class DiagnosisData(Record, JsonRecord):
         self, kind: str, sentence: str, joints: Sequence[int]
     ) -> Self:
         """Return the diagnosis of a log of which the check explains the torque of some
-        joints (from 1; empty: of all): a rival of each finding there. What has a name
-        is no curve.
+        joints (from 1; none named: of all) by a fault of the log.
+
+        Each finding there becomes doubtful, for the fault explains the same torque.
+        Curves there are left out: they show torque that nothing explains.
+
+        kind : of the fault, in words, "torque step"; sentence : what the check says of it.
         """
-        told = sentence[:1].lower() + sentence[1:].rstrip(".")
-        cause = f"the check explains its torque as well, by a {kind}: {told}"
-        curves = [c for c in self.curves if joints and c.joint not in joints]
+        explanation = sentence[:1].lower() + sentence[1:].rstrip(".")
+        cause = f"the check explains its torque as well, by a {kind}: {explanation}"
         doubted = self._with_doubt(Doubt("explained", cause), joints)
-        return replace(doubted, curves=tuple(curves))
+        unexplained = [c for c in self.curves if joints and c.joint not in joints]
+        return replace(doubted, curves=tuple(unexplained))
 
     def _with_doubt(self, doubt: Doubt, joints: Sequence[int] = ()) -> Self:
         """Return the diagnosis with one more doubt of the findings and constants on some

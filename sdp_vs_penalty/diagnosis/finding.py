@@ -462,20 +462,20 @@ class Finding(Rated):
 
     @property
     def undecided(self) -> tuple[str, ...] | None:
-        """The effects that a new recording has to tell apart, as texts.
+        """The effects that a motion has to tell apart, as texts: the finding and its first
+        rival, ("backlash:3", "spring:3"). A weak finding without rivals is to be told
+        from no effect, and is alone, as is one of the whole robot.
 
-        They are the finding and its first rival, such as "backlash:3,spring:3", or a
-        weak finding alone, which may not be present at all.
-
-        None if nothing is open (a confident finding without rivals), if a measured
-        curve is the rival, or if a motion cannot decide
-        (:attr:`cool_down_instruction`).
+        None where nothing is open: a confident finding without rivals. None where no
+        motion can decide: a measured curve is the rival, which is no effect, or the
+        arm has to cool down (:attr:`cool_down_instruction`).
         """
-        if self.fits_a_curve or self.cool_down_instruction:
+        can_motion_decide = not (self.fits_a_curve or self.cool_down_instruction)
+        if not can_motion_decide:
             return None
-        if not self.joints or not self.rivals:
-            return (self.text,) if self.doubts else None
-        return self.text, self.rivals[0].text
+        if self.joints and self.rivals:
+            return self.text, self.rivals[0].text
+        return (self.text,) if self.doubts else None
 
     def telling_run(self, model: str) -> str:
         """Return the command that designs a recording by which an open question is

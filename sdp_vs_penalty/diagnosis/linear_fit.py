@@ -302,25 +302,35 @@ class Design:
     def products_with(
         self, batch: Batch, reduced: Sequence[Reduced]
     ) -> list[tuple[Array, Array]]:
-        """Return the products of what is left of each joint's rows of a batch of F
-        candidates Z of k coefficients: [A y]'Z (q + 1, F k) and Z'Z (F, k, k).
+        """Return the products of a batch of F candidates Z (M, F k), of k coefficients
+        each, on each of its joints: [A y]'Z (q + 1, F k) with the shared columns and the
+        torque, and Z'Z (F, k, k) of each candidate.
 
-        They are computed once for the same own columns.
+        They are products of what the joint's own columns O leave of the rows
+        (:class:`Reduced`), and are computed once for the same own columns.
         """
-        pairs = []
-        for place, joint in enumerate(batch.joints):
-            known = reduced[joint].by_batch
-            if batch not in known:
-                Z = batch.whitened_columns[place]
-                with_model = self.model.with_batch(batch)[place]
-                along_own = reduced[joint].whitened.T @ Z
-                products = self.shared_products(joint, Z, with_model)
-                products -= reduced[joint].along_own.T @ along_own
-                F, k, _ = batch.grams[place].shape
-                E = along_own.reshape(len(along_own), F, k).transpose(1, 2, 0)
-                known[batch] = products, batch.grams[place] - E @ E.transpose(0, 2, 1)
-            pairs.append(known[batch])
-        return pairs
+        return [
+            self._products_on_joint(batch, place, reduced[joint])
+            for place, joint in enumerate(batch.joints)
+        ]
+
+    def _products_on_joint(
+        self, batch: Batch, place: int, reduced: Reduced
+    ) -> tuple[Array, Array]:
+        """Return the products of a batch on the joint at a place of its list."""
+        if batch not in reduced.by_batch:
+            Z = batch.whitened_columns[place]
+            Z_along_own = reduced.whitened.T @ Z  # (o, F k), of the part along O
+            with_shared = self.shared_products(
+                batch.joints[place], Z, self.model.with_batch(batch)[place]
+            )
+            with_shared -= reduced.along_own.T @ Z_along_own
+            grams = batch.grams[place]  # Z'Z, before O is taken out
+            F, k, _ = grams.shape
+            E = Z_along_own.reshape(len(Z_along_own), F, k)
+            E = E.transpose(1, 2, 0)  # (F, k, o)
+            reduced.by_batch[batch] = with_shared, grams - E @ E.transpose(0, 2, 1)
+        return reduced.by_batch[batch]
 
     def holds(self, terms: Sequence[Term]) -> bool:
         """Return whether the design has all terms (effects, nuisances)."""

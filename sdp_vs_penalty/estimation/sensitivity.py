@@ -526,19 +526,21 @@ class _Descent:
         """
         fit = self.fit
         p = fit.n_parameters
-        wide_model = with_sensitivities(
-            self.model_at(steps), self.theta, lambda e: bool(fit.keys_of(e))
+        # A moving constant adds a column: the derivative of the torque by it.
+        model_with_derivatives = with_sensitivities(
+            self.model_at(steps), self.theta, lambda effect: bool(fit.keys_of(effect))
         )
-        # Columns: those of the p parameters, then those of the constants that move.
+        regression = fit.compressed(model_with_derivatives)
+        # Columns: those of the p parameters, then those of the d constants that move.
         kept_columns = np.append(np.ones(p, bool), fit.moving_columns)
-        wide = fit.compressed(wide_model)
-        data, self.theta = fit.solve(wide.keeping(kept_columns))
-        self.variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-        columns = data.R[:, :p]
-        slopes = -partialled(columns, data.R[:, p:]) / fit.unit
-        # The last row is the residual that no column can change.
-        residual = np.append(data.rho - columns @ self.theta, data.residual_norm)
-        return residual, np.vstack([slopes, np.zeros((1, len(fit.moving_constants)))])
+        # Rows are compressed: |torque - columns x|^2 = |rho - R x|^2 + residual_norm^2.
+        data, self.theta = fit.solve(regression.keeping(kept_columns))
+        self.variances[steps.tobytes()] = white_variance(data, regression.oversampling)
+        of_parameters, of_constants = np.split(data.R, [p], axis=1)
+        jacobian = -partialled(of_parameters, of_constants) / fit.unit
+        # No column changes the last row.
+        residual = np.append(data.rho - of_parameters @ self.theta, data.residual_norm)
+        return residual, np.vstack([jacobian, np.zeros((1, jacobian.shape[1]))])
 
 
 def _allowed_steps(effect: Effect, key: str) -> tuple[float, float]:

@@ -86,12 +86,14 @@ def _link_arrays(links: Array) -> dict[str, str]:
 
 
 def _load_of_reference(estimate: Estimate, name: str) -> list[str]:
-    """Return lines of C that set ``load`` to the torque of the model's reference links.
+    """Return lines of C that set ``load`` (n,) to the torque of the links at which
+    friction that depends on load was identified; none if no effect of the file reads it.
 
-    Friction that depends on load was identified at the torque of the current model of
-    that time (``Model.reference``), without the payload, and
-    :meth:`~sdp_vs_penalty.estimation.estimate.Estimate.predict` takes the same. Empty if
-    no effect of the file reads the load.
+    These links are those of ``Model.reference`` (p,), the parameters of the model of that
+    time, without the payload:
+    :meth:`~sdp_vs_penalty.estimation.estimate.Estimate.predict` takes the same.
+
+    name : prefix of the file's functions and constants.
     """
     model = estimate.model
     reads_load = any(
@@ -100,8 +102,8 @@ def _load_of_reference(estimate: Estimate, name: str) -> list[str]:
     )
     if not reads_load or model.reference is None:
         return []
-    links = model.reference[model.rigid_indices].reshape(-1, 10)
-    arrays = _link_arrays(moved_to_joints(estimate.robot, links))
+    reference_links = model.reference[model.rigid_indices].reshape(-1, 10)
+    arrays = _link_arrays(moved_to_joints(estimate.robot, reference_links))
     return [
         "/* what friction by load refers to: the links at which it was identified */",
         f"static const double load_mass[{name}_N] = {arrays['mass']};",

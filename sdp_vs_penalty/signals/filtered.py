@@ -162,29 +162,33 @@ def low_passed(
 
     Parameters
     ----------
+    low_pass
+        (K, N) filter from the N instants of a chunk to its K rows.
     blocks
-        Columns by the place of their effect in the model.
+        Columns (N, k) by the place of their effect in the model.
 
     Returns
     -------
     dict
-        The same with columns at the rows.
+        The same blocks with columns (K, k).
     """
-    columns = [b.columns for effect_blocks in blocks.values() for b in effect_blocks]
-    narrow = [x for x in columns if x.shape[1] < _WIDE]
-    narrow_filtered = iter(_filtered_together(low_pass, narrow))
-
-    def filtered(block: Block) -> Block:
-        """Return a block at the rows; narrow ones are asked for in their order."""
-        x = block.columns
-        is_narrow = x.shape[1] < _WIDE
-        return replace(
-            block, columns=next(narrow_filtered) if is_narrow else low_pass @ x
-        )
-
+    columns_by_place = {
+        (effect, number): block.columns
+        for effect, effect_blocks in blocks.items()
+        for number, block in enumerate(effect_blocks)
+    }
+    narrow = {x: y for x, y in columns_by_place.items() if y.shape[1] < _WIDE}
+    narrow_filtered = _filtered_together(low_pass, [*narrow.values()])
+    filtered = dict(zip(narrow, narrow_filtered, strict=True))
+    for place, columns in columns_by_place.items():
+        if place not in narrow:
+            filtered[place] = low_pass @ columns
     return {
-        k: [filtered(block) for block in effect_blocks]
-        for k, effect_blocks in blocks.items()
+        effect: [
+            replace(block, columns=filtered[effect, number])
+            for number, block in enumerate(effect_blocks)
+        ]
+        for effect, effect_blocks in blocks.items()
     }
 
 

@@ -18,7 +18,7 @@ from sdp_vs_penalty.data.hypotheses.recognition import (
     recognise,
     units_of_chosen,
 )
-from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
+from sdp_vs_penalty.data.hypotheses.renaming import convert_options
 from sdp_vs_penalty.data.log import log_of_arrays
 from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.data.reading import run_of
@@ -405,7 +405,7 @@ def test_size_and_zero_of_counts_stand_above_the_table(zero, words, tmp_path):
     found = recognise(names, heading=[line])
     assert found.scale == dict.fromkeys(("q1", "q2"), pytest.approx(np.pi / 2048.0))
     assert not any("whose size" in x for x in found.said)
-    assert choosing_words(found, names)[-1] == words
+    assert convert_options(found, names)[-1] == words
     rows = [f"{k / 100},{3000 + k},{2000 - k},{k},1" for k in range(9)]
     path = tmp_path / "run.csv"
     path.write_text("\n".join([line, ",".join(names), *rows]))

@@ -1,6 +1,5 @@
 import sys
 from pathlib import Path
-from typing import Any
 
 from sdp_vs_penalty.cli import console
 from sdp_vs_penalty.errors import command_line
@@ -32,13 +31,13 @@ def verb(
     from sdp_vs_penalty.reports import check_name, report
 
     check_name(out)  # before the minutes that a report may take
-    short = len({path.name for path in models}) == len(models)
+    are_file_names_unique = len({path.name for path in models}) == len(models)
     estimates = {
-        path.name if short else str(path): model_from_options(path, gravity)
+        path.name if are_file_names_unique else str(path): model_from_options(
+            path, gravity
+        )
         for path in models
     }
-    settings: dict[str, Any] = {"findings": findings, "forward": forward}
-    settings["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]
     with console.progress("reading the measurements") as progress:
         named = NamedRuns(data, window, as_written)
         runs_given = runs_for(next(iter(estimates.values())), named)
@@ -47,8 +46,10 @@ def verb(
             runs_given.train,
             out,
             noise_from=runs_given.judged_recordings,
+            findings=findings,
+            forward=forward,
+            commands=[command_line(["sdp-vs-penalty", *sys.argv[1:]])],
             progress=progress,
-            **settings,
         )
     printing.verdict(summary, list(estimates)[-1])
     console.written(out, "open it in a browser")

@@ -2,6 +2,7 @@
 q2, ...; and the text that Octave's ``save`` writes of such variables."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, compress
 from pathlib import Path
 from typing import Any
 
@@ -62,20 +63,29 @@ def _log_of_variables(
 
 
 def read_text(path: Path, _refused: InputError) -> Log:
-    """Read the matrices of Octave's text: "# name: q" stands above the rows of each."""
-    text = "\n".join(line for _, lines in iter_rows(path) for line in lines)
+    """Read the matrices of the text that Octave's ``save -text`` writes.
+
+    Above the rows of each stand lines of comment, "# name: q", "# type: matrix" and its
+    size. A matrix of one column becomes a column (N,). ``_refused`` is the error of the
+    reader of tables, which some formats of text raise again.
+    """
+    lines = chain.from_iterable(piece for _, piece in iter_rows(path))
+    _head, *variables = "\n".join(lines).split("# name: ")
     matrices = dict[str, Array]()
-    for part in text.split("# name: ")[1:]:
-        name, *lines = part.splitlines()
-        rows = [x.split() for x in lines if x.strip() and not x.startswith("#")]
+    for variable in variables:
+        name, *lines_below = variable.splitlines()
+        is_row = [line.strip() and not line.startswith("#") for line in lines_below]
+        rows = [line.split() for line in compress(lines_below, is_row)]
+        if not rows:
+            continue
         try:
-            block = np.array(rows, float)
+            matrix = np.array(rows, float)
         except ValueError as error:
             what = f"what stands below the name {name} is no matrix of numbers"
             remedy = "save matrices of numbers alone, with save('run.mat', '-v7', ...)"
             raise InputError(what, remedy, path) from error
-        if rows:
-            matrices[name.strip()] = block[:, 0] if block.shape[1] == 1 else block
+        has_one_column = matrix.shape[1] == 1
+        matrices[name.strip()] = matrix[:, 0] if has_one_column else matrix
     return _log_of_variables(path, matrices)
 
 

@@ -70,6 +70,8 @@ _COMMA_NUMBER = re.compile(
 #: Numbers with separators of thousands: "1.007,5" and "1,007.5".
 _POINT_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?")
 _COMMA_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?([eE][-+]?\d+)?")
+#: ... by the mark that separates them.
+_GROUPS = {".": _POINT_GROUPS, ",": _COMMA_GROUPS}
 #: A number and its unit in one cell, "0.005 sec".
 _WITH_UNIT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([A-Za-z°µ%/]{1,6})")
 _LIST = re.compile(r"(array\s*)?[\[(].*[\])]", re.DOTALL)
@@ -178,29 +180,42 @@ def _is_any_number(text: str) -> bool:
 def _decimals_of(columns: Cells) -> list[str]:
     """Return the decimal mark of each column's numbers.
 
-    A mark that cannot separate thousands in some of a column's cells decides ("1.5", but
-    not "1.500"). A column without such cells has the one of its own marks that other
-    columns decide for; without any mark it has that of the nearest column, which serves
-    later rows. Where no cell decides, the most frequent mark does.
+    Cells whose mark cannot separate thousands decide ("1.5", but not "1.500"). A column
+    without such cells has the one of its own marks for which those of other columns
+    decide; without any mark it has that of the nearest column that has such cells, which
+    serves later rows. Where no cell decides, the most frequent mark does.
     """
-    sure, seen = list[Counter[str]](), list[Counter[str]]()
-    for cells in columns:
-        points = [x for x in cells if "." in x and is_number(x)]
-        commas = [x for x in cells if _COMMA_NUMBER.fullmatch(x)]
-        seen.append(Counter({".": len(points), ",": len(commas)}))
-        n_points = sum(not _POINT_GROUPS.fullmatch(x) for x in points)
-        n_commas = sum(not _COMMA_GROUPS.fullmatch(x) for x in commas)
-        sure.append(Counter({".": n_points, ",": n_commas}))
-    known, of_all = sum(sure, Counter()), sum(seen, Counter())
-    decided = [k for k, n in enumerate(sure) if n.total()]
-    marks = list[str]()
-    for k, (n, has) in enumerate(zip(sure, seen, strict=True)):
-        if not n.total():
-            near = min(decided, key=lambda x: abs(x - k), default=k)
-            n = Counter({x: y for x, y in known.items() if has[x]})
-            n = n or (known if has.total() else sure[near]) or of_all
-        marks.append("," if n[","] > n["."] else ".")
-    return marks
+    counts = [_count_marks(cells) for cells in columns]
+    n_marks = [of_all for of_all, _ in counts]
+    n_certain = [of_certain for _, of_certain in counts]
+    n_marks_of_all, n_certain_of_all = (sum(x, Counter()) for x in (n_marks, n_certain))
+    certain_columns = [k for k, votes in enumerate(n_certain) if votes.total()]
+    decimals = list[str]()
+    for column, votes in enumerate(n_certain):
+        if not votes.total() and n_marks[column].total():
+            of_others = {
+                x: n for x, n in n_certain_of_all.items() if n_marks[column][x]
+            }
+            votes = Counter(of_others) or n_certain_of_all or n_marks_of_all
+        elif not votes.total() and certain_columns:
+            nearest = min(certain_columns, key=lambda x: abs(x - column))
+            votes = n_certain[nearest]
+        decimals.append("," if votes[","] > votes["."] else ".")
+    return decimals
+
+
+def _count_marks(cells: Sequence[str]) -> tuple[Counter[str], Counter[str]]:
+    """Count the numbers among a column's cells by their mark, "." or ",": all of them, and
+    those whose mark cannot separate thousands."""
+    numbers = {
+        ".": [cell for cell in cells if "." in cell and is_number(cell)],
+        ",": [cell for cell in cells if _COMMA_NUMBER.fullmatch(cell)],
+    }
+    n_marks, n_certain = Counter[str](), Counter[str]()
+    for mark, texts in numbers.items():
+        n_marks[mark] = len(texts)
+        n_certain[mark] = sum(not _GROUPS[mark].fullmatch(text) for text in texts)
+    return n_marks, n_certain
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:

@@ -19,7 +19,7 @@ from sdp_vs_penalty.data.hypotheses.recognition import (
     units_of_chosen,
     with_unit_of_clock,
 )
-from sdp_vs_penalty.data.hypotheses.renaming import choosing_words
+from sdp_vs_penalty.data.hypotheses.renaming import convert_options
 from sdp_vs_penalty.data.hypotheses.weighing import rate_from_velocities
 from sdp_vs_penalty.data.log import Log
 from sdp_vs_penalty.data.words.joints import families_of_joints
@@ -145,7 +145,7 @@ def _rename_remedy(log: Log, missing: Sequence[str], found: Recognition) -> str:
     if is_timeless:
         del pairs["t"]
     found = replace(found, rename=pairs)
-    words = choosing_words(found, log.names, "HZ" if is_timeless else "")
+    words = convert_options(found, log.names, "HZ" if is_timeless else "")
     how = f"name them with `{formatting.convert_command(log.path, *words)}`"
     if is_timeless:
         how += (
@@ -170,51 +170,105 @@ def _is_asked_for(name: str) -> bool:
 def _by_words(
     log: Log, missing: Sequence[str], joints: Sequence[str] | None
 ) -> dict[str, str]:
-    """Propose columns by the words in their names, "NAME" where none fits.
+    """Propose columns for ``missing`` channel groups, by our names, "NAME" where none fits.
 
-    Families, those of joints' names and blocks without such words are proposed by their
-    letter, and by their order where exactly as many are left as groups.
+    Names whose words say quantity and joint come first. Families, columns of several
+    joints that are called alike, then serve the groups that no such name serves: by a
+    word, by a letter, and by their order where as many are left as groups.
     """
-    of_group, in_file = known_columns(log.columns, joints)
-    taken = {name for columns in of_group.values() for name in columns}
-    alike = [x for x in families(log.names).values() if len(x) > 1]
-    of_joints = families_of_joints(log.names, in_file or joints or ())
-    alike += [x for x in of_joints if x not in alike]
-    alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
-    alike = [x for x in alike if taken.isdisjoint(x) and _is_asked_for(x[0])]
-    for columns in sorted(alike, key=lambda x: quantity_of(x[0]) in (None, "t")):
-        words = {*split_tokens(columns[0])}
-        quantity = quantity_of(columns[0])
-        if quantity in (None, "t"):
-            letters = {x: {*y.split(), *WORDS[x]} for x, y in INITIALS.items()}
-            by_letter = [x for x, known in letters.items() if words & known]
-            quantity = by_letter[0] if len(by_letter) == 1 else None
-        if quantity:
-            of_group.setdefault(quantity, columns)
-    left = [x for x in alike if x not in of_group.values()]
-    groups = [x for x in missing if x not in ("t", *of_group)]
-    if len(left) == len(groups) and len({*map(len, (*alike, *of_group.values()))}) == 1:
-        of_group |= dict(zip(groups, left, strict=True))
-    n_joints = len(of_group.get("tau", ()))
-    if "dq" not in of_group and len(of_group.get("q", ())) == 2 * n_joints > 0:
-        state = of_group["q"]  # positions, then velocities
-        of_group |= {"q": state[:n_joints], "dq": state[n_joints:]}
+    of_group, joints_in_file = known_columns(log.columns, joints)
+    families_left = _families_left(log, of_group, joints_in_file or joints or ())
+    of_group = _with_families_by_quantity(of_group, families_left)
+    of_group = _with_families_by_order(of_group, families_left, missing)
+    of_group = _with_halves_of_states(of_group)
     pairs = dict[str, str]()
-    with_velocities = {"q": ["q", "dq"] if "dq" in of_group else ["q"]}
-    for group in (y for x in missing for y in with_velocities.get(x, [x])):
-        columns = of_group.get(group, [])
-        if group == "t":
-            pairs["t"] = find_clock(log.columns) or "NAME"
-        elif len(columns) > 1:
-            pairs |= {f"{group}{k}": name for k, name in enumerate(columns, 1)}
-        else:
-            said = ((x, read_name(x)) for x in log.names)
-            of_name = (
-                x for x, m in said if m and m.quantity == group and m.number is None
-            )
-            named = columns or list(of_name)
-            pairs[group] = named[0] if len(named) == 1 else "NAME"
+    for group in missing:
+        pairs |= _pairs_of_group(log, group, of_group.get(group, []))
+        if group == "q" and "dq" in of_group:
+            pairs |= _pairs_of_group(log, "dq", of_group["dq"])
     return pairs
+
+
+def _families_left(
+    log: Log, of_group: Mapping[str, Sequence[str]], joints: Sequence[str]
+) -> list[list[str]]:
+    """List the families among columns that serve no group yet: numbered names, names of the
+    joints with the same words beside, and blocks, each a family by itself."""
+    alike = [x for x in families(log.names).values() if len(x) > 1]
+    alike += [x for x in families_of_joints(log.names, joints) if x not in alike]
+    alike += [[name] for name, x in log.columns.items() if x.kind == "list"]
+    taken = {name for columns in of_group.values() for name in columns}
+    return [x for x in alike if taken.isdisjoint(x) and _is_asked_for(x[0])]
+
+
+def _with_families_by_quantity(
+    of_group: Mapping[str, list[str]], families_left: Sequence[list[str]]
+) -> dict[str, list[str]]:
+    """Add the families whose names say a group. A word counts more than a letter; of two
+    families that say the same group the first is taken."""
+    by_word = [(quantity_of(x[0]), x) for x in families_left]
+    by_letter = [
+        (_group_of_letters(columns[0]), columns)
+        for group, columns in by_word
+        if group in (None, "t")
+    ]
+    out = {**of_group}
+    for group, columns in (*by_word, *by_letter):
+        if group not in (None, "t"):
+            out.setdefault(group, columns)
+    return out
+
+
+def _group_of_letters(name: str) -> str | None:
+    """Return the only group that a word or a letter in a name may stand for, "v" for dq;
+    None where there is none, or more than one."""
+    words = {*split_tokens(name)}
+    groups = [
+        group
+        for group, letters in INITIALS.items()
+        if words & {*letters.split(), *WORDS[group]}
+    ]
+    return groups[0] if len(groups) == 1 else None
+
+
+def _with_families_by_order(
+    of_group: Mapping[str, list[str]],
+    families_left: Sequence[list[str]],
+    missing: Sequence[str],
+) -> dict[str, list[str]]:
+    """Add the families that serve no group, in their order, to the missing groups without
+    columns, if there are as many of them and all have as many columns."""
+    unused = [x for x in families_left if x not in of_group.values()]
+    groups = [x for x in missing if x not in ("t", *of_group)]
+    widths = {len(x) for x in (*families_left, *of_group.values())}
+    if len(unused) != len(groups) or len(widths) != 1:
+        return {**of_group}
+    return {**of_group, **dict(zip(groups, unused, strict=True))}
+
+
+def _with_halves_of_states(of_group: Mapping[str, list[str]]) -> dict[str, list[str]]:
+    """Take twice as many positions as torques as positions and, behind them, velocities."""
+    n_joints, state = len(of_group.get("tau", ())), of_group.get("q", [])
+    if "dq" in of_group or not len(state) == 2 * n_joints > 0:
+        return {**of_group}
+    return {**of_group, "q": state[:n_joints], "dq": state[n_joints:]}
+
+
+def _pairs_of_group(log: Log, group: str, columns: Sequence[str]) -> dict[str, str]:
+    """Return the proposal for one group: a name a joint of its columns, the only column, or
+    "NAME" where none fits or several do."""
+    if group == "t":
+        return {"t": find_clock(log.columns) or "NAME"}
+    if len(columns) > 1:
+        return {f"{group}{k}": name for k, name in enumerate(columns, 1)}
+    if not columns:
+        meanings = {name: read_name(name) for name in log.names}
+        columns = [
+            name
+            for name, meaning in meanings.items()
+            if meaning and meaning.quantity == group and meaning.number is None
+        ]
+    return {group: columns[0] if len(columns) == 1 else "NAME"}
 
 
 def names_by_values(
@@ -256,7 +310,7 @@ def names_by_values(
                 read = log.read([*order.rename.values()]).columns
                 told = rate or rate_of({x: read[y] for x, y in order.rename.items()})
                 text = "HZ" if told is None else f"{told:g}"
-            words = choosing_words(order, log.names, text)
+            words = convert_options(order, log.names, text)
             command = formatting.convert_command(log.path, *words)
             in_file = sorted(layout.names, key=lambda x: names.index(layout.names[x]))
             groups = [*dict.fromkeys(map(group_of, in_file))]

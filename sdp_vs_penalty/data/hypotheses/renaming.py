@@ -116,25 +116,42 @@ def one_or_each(texts: Sequence[str]) -> str:
     return texts[0] if len({*texts}) == 1 else ":".join(texts)
 
 
-def choosing_words(
-    found: Recognition,
-    names: Sequence[str],
+def convert_options(
+    recognition: Recognition,
+    column_names: Sequence[str],
     rate: str = "",
-    given: Mapping[str, str] = MappingProxyType({}),
+    chosen_scale: Mapping[str, str] = MappingProxyType({}),
 ) -> list[str]:
-    """Format what ``convert`` has to be told of columns among ``names``: --rename, --scale
-    (factors that are ``given`` go before those that were found), --joints and --rate."""
-    units = {group: x.answer for group, x in found.units.items()}
-    scale = {x: y for x, y in found.scale.items() if x not in given}
-    factors = [scale_words(scale, found.rename, units, found.zeros)] if scale else []
-    factors += [f"{name}={factor}" for name, factor in given.items()]
+    """Format the options of ``convert`` that state a recognition, as words of a command:
+    --rename, --scale, --joints and --rate, without those that have nothing to state.
+
+    Parameters
+    ----------
+    column_names : sequence of str
+        Names of all columns of the file, in its order.
+    rate : str
+        Sampling rate [Hz], "HZ" where the user has to know it, "" where a clock tells it.
+    chosen_scale : mapping of str to str
+        Values of --scale that the user has chosen, by our names: they go before factors of
+        the recognition.
+    """
+    units = {group: unit.answer for group, unit in recognition.units.items()}
+    scale = {x: y for x, y in recognition.scale.items() if x not in chosen_scale}
+    scales = [f"{name}={factor}" for name, factor in chosen_scale.items()]
+    if scale:
+        rename, zeros = recognition.rename, recognition.zeros
+        scales.insert(0, scale_words(scale, rename, units, zeros))
     options = {
-        "--rename": rename_words(found.rename, names),
-        "--scale": ",".join(factors),
-        "--joints": ",".join(found.joints) if found.order else "",
+        "--rename": rename_words(recognition.rename, column_names),
+        "--scale": ",".join(scales),
+        "--joints": ",".join(recognition.joints) if recognition.order else "",
         "--rate": rate,
     }
-    return [x for option in options.items() if option[1] for x in option]
+    words = list[str]()
+    for option, value in options.items():
+        if value:
+            words += [option, value]
+    return words
 
 
 def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:

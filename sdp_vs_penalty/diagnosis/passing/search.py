@@ -76,25 +76,28 @@ class PassingSearch:
         self.base = self.score.fit(self.terms)
         self.cells = Cells.from_labels(self.data.clusters[0], self.data.rows.run)
 
-    def best(self) -> tuple[PassingTrial, tuple[PassingTrial, ...]] | None:
-        """Return the law that explains most, and its rivals; None if none stands out.
+    def find_cause(self) -> tuple[PassingTrial, tuple[PassingTrial, ...]] | None:
+        """Return the likeliest cause, and its rivals; None if no law stands out.
 
-        All are tried, suspected or not: noise that is measured from repetitions takes
-        in what differs between them. Forces take most of the time, and are tried only
-        if another law stands out. What belongs to a run, such as a channel's gain, the check tells.
+        A load, torques and frictions of each joint are tried, whether rows look wrong or
+        not: noise that is measured from repetitions takes in what differs between them.
+        Forces take most of the time, and are tried only if one of these stands out. What
+        belongs to a whole run, such as a channel's gain, is left to the check.
         """
-        laws = [load_law(self.data), *joint_laws(self.data, "torque", "friction")]
-        trials = self._trials(laws)
-        if not any(t.stands_out for t in trials):
+        quick_laws = [load_law(self.data), *joint_laws(self.data, "torque", "friction")]
+        trials = self._trials(quick_laws)
+        if not any(trial.stands_out for trial in trials):
             return None
         trials += self._trials(force_laws(self.data))
-        most = max(t.term.drop for t in trials)
-        finer = [
-            self.with_finer_edges(t)
-            for t in trials
-            if (t.stands_out or t.errs_apart) and t.term.drop > _WORTH_A_LOOK * most
+        # Edges are moved where this may matter: a fall of the deviance near the largest.
+        largest_drop = max(trial.term.drop for trial in trials)
+        candidates = [
+            self.with_finer_edges(trial)
+            for trial in trials
+            if (trial.stands_out or trial.errs_apart)
+            and trial.term.drop > _WORTH_A_LOOK * largest_drop
         ]
-        return best_of(finer) if finer else None
+        return best_of(candidates) if candidates else None
 
     def _trials(self, laws: Sequence[Law]) -> list[PassingTrial]:
         """Try laws; return the trials of those with spans."""
@@ -274,7 +277,7 @@ def passing_causes(
         for: they are left out unless they have more evidence than it.
     """
     passing = PassingSearch(search, terms)
-    found = passing.best()
+    found = passing.find_cause()
     if found is None:
         return ()
     # What is likelier goes first, though its name or size is in doubt.
@@ -282,7 +285,7 @@ def passing_causes(
     likelier = [t for t in search.terms if t in terms or t.evidence > evidence]
     if len(likelier) > len(terms):
         passing = PassingSearch(search, likelier)
-        found = passing.best()
+        found = passing.find_cause()
         if found is None:
             return ()
     best, rivals = found

@@ -41,20 +41,18 @@ class CellProducts:
 
     @classmethod
     def from_cells(cls, fit: WhiteFit, white: Array, cells: Cells) -> CellProducts:
-        """Multiply white columns (n, M, k) with a fit, cell by cell."""
+        """Multiply white columns of a law (n joints, M rows, k) with a fit, cell by cell."""
         Z = white / fit.level[:, None, None]
-        Q = fit.basis
-        r = fit.residual
-        grams = []
-        along_fit = []
-        with_residual = []
+        Q = fit.basis  # (n, M, r)
+        residual = fit.residual  # (n, M)
+        products = []
         for rows in cells.rows:
-            size = len(Z) * len(rows)
-            of_cell = Z[:, rows].reshape(size, Z.shape[2])
-            grams.append(of_cell.T @ of_cell)
-            along_fit.append(Q[:, rows].reshape(size, Q.shape[2]).T @ of_cell)
-            with_residual.append(of_cell.T @ r[:, rows].ravel())
-        return cls(np.array(grams), np.array(along_fit), np.array(with_residual))
+            # The rows of all joints in this cell, one joint below the other.
+            Z_c, Q_c = (x[:, rows].reshape(-1, x.shape[2]) for x in (Z, Q))
+            r_c = residual[:, rows].ravel()
+            products.append((Z_c.T @ Z_c, Q_c.T @ Z_c, Z_c.T @ r_c))
+        grams, along_fit, with_residual = map(np.array, zip(*products, strict=True))
+        return cls(grams, along_fit, with_residual)
 
     def over(self, x: Array) -> tuple[Array, Array]:
         """Return G - S'S (k, k) and b (k,) of the spans x (C,)."""

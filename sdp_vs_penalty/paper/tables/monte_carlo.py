@@ -388,22 +388,28 @@ def _beside_default(errors: Array, usual: Array | None) -> Row:
 
 
 def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
-    """Return the row of each method in a setting."""
+    """Return the row of each method in a setting; ``draws`` are by the method's name.
+
+    Errors are those of the torque on unseen motion, in per cent of it. Their bias is the
+    error of the mean parameters, their spread that of the draws about the mean.
+    """
     truth = truth_of(study.problem.name, setting)
     unseen = truth.unseen.least_squares()
-    rigid = truth.model.rigid_indices
-    usual = _errors(unseen, draws[DEFAULT])
+    link_places = truth.model.rigid_indices
+    errors_of_default = _errors(unseen, draws[DEFAULT])
     rows = []
     for method in (*FULL, *AS_PUBLISHED):
         if method.name not in draws:
             continue
         of_method = draws[method.name]
         errors = _errors(unseen, of_method)
-        thetas = np.array([draw["theta"] for draw in of_method])
+        is_default = method.name == DEFAULT
+        thetas = np.array([draw["theta"] for draw in of_method])  # (draws, p)
         mean = thetas.mean(axis=0)
-        spread = np.linalg.norm((thetas - mean) @ unseen.R.T, axis=1)
-        links = thetas[:, rigid].reshape(len(thetas), -1, 10)
-        exist = inertia.consistency_margin(links).min(axis=1) >= -ROUNDING
+        # |Y (theta - mean)| of each draw, by the triangular factor R of the columns Y.
+        distances = np.linalg.norm((thetas - mean) @ unseen.R.T, axis=1)
+        links = thetas[:, link_places].reshape(len(thetas), -1, 10)
+        can_exist = inertia.consistency_margin(links).min(axis=1) >= -ROUNDING
         rows.append(
             {
                 "setting": setting.name,
@@ -411,14 +417,14 @@ def _rows(study: Study, setting: Setting, draws: dict[str, Draws]) -> list[Row]:
                 "draws": len(errors),
                 "error_percent": float(errors.mean()),
                 "interval_percent": interval_of(errors).in_words,
-                **_beside_default(errors, None if method.name == DEFAULT else usual),
+                **_beside_default(errors, None if is_default else errors_of_default),
                 "bias_percent": _error(unseen, mean),
                 "spread_percent": float(
-                    relative_error(np.mean(spread**2), unseen.tau_squared)
+                    relative_error(np.mean(distances**2), unseen.tau_squared)
                 ),
                 "coverage_percent": 100.0
                 * float(np.mean([draw["covered"] for draw in of_method])),
-                "exist_percent": 100.0 * float(np.mean(exist)),
+                "exist_percent": 100.0 * float(np.mean(can_exist)),
                 "seconds": float(np.median([draw["seconds"] for draw in of_method])),
                 "data": "simulated",
             }

@@ -255,11 +255,13 @@ class _Data:
 def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
     """Return the RMS residual (n,) [N m] of a fit on other rows; ``parts`` are
     functions from a model to its rows, one for each run, which count together."""
-    y = np.append(np.log(fit.phi[:, 1]), fit.phi[:, 2])
-    residuals = []
+    amplitude, slope, shift = fit.phi.T  # phi_1, phi_2, phi_3 of the n joints
+    shapes = tuple(np.append(np.log(slope), shift))
+    residuals = []  # (M, n) of each run
     for rows_of in parts:
         data = _Data(problem, rows_of)
-        friction = data.sigmoid(tuple(y))[:, :, 0] * fit.phi[:, 0]
+        friction_at_one, *_derivatives = np.moveaxis(data.sigmoid(shapes), 2, 0)
+        friction = amplitude * friction_at_one
         residuals.append(data.torque - data.rigid @ fit.pi - friction)
     return np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
 

@@ -113,23 +113,26 @@ def _windows(
         Maps a length [s] to pairs of training rows and test rows.
     """
     all_phases = phase_folds(data.train, data.preprocessing, 1)
-    count = round(all_phases.clocks[0].length / cell)  # cells in a period
-    gap = math.ceil(all_phases.guard / cell)  # cells that the filters reach
-    split = PhaseFolds(all_phases.clocks, count)
+    n_cells = round(all_phases.clocks[0].length / cell)  # in a period
+    n_of_gap = math.ceil(all_phases.guard / cell)  # cells that the filters reach
+    split = PhaseFolds(all_phases.clocks, n_cells)
     runs = FilteredRuns.filtering(data.train, data.preprocessing)
     cells = compress_cells(runs, data.model, split)
-    starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
+    starts = np.linspace(0, n_cells, most_windows, endpoint=False).round().astype(int)
 
     def cut(length: int) -> list[_Window]:
         """Return pairs of training and test rows: windows of this length [s], from each
         start."""
-        size = round(length / cell)
+        n_of_window = round(length / cell)
         windows = []
         for start in starts:
-            phases = (start + np.arange(count)) % count  # all cells from the start on
-            outside = cells.select(phases[size + gap : count - gap])
-            test = outside if data.make_test is None else data.test_regression
-            windows.append((cells.select(phases[:size]), test))
+            # The period from the start on: window, gap, cells to test on, gap.
+            in_order = (start + np.arange(n_cells)) % n_cells
+            of_window = in_order[:n_of_window]
+            outside = in_order[n_of_window + n_of_gap : n_cells - n_of_gap]
+            has_test_rows = data.make_test is not None
+            test = data.test_regression if has_test_rows else cells.select(outside)
+            windows.append((cells.select(of_window), test))
         return windows
 
     return cut

@@ -402,14 +402,14 @@ def _presliding(
     return at_joint(
         joint,
         lambda world, motion: (
-            _behind(motion.t, motion.dq[:, joint], d)
+            _dahl_state(motion.t, motion.dq[:, joint], d)
             - world.dry.jumps * sign(world, joint, motion)
         ),
         d=d,
     )
 
 
-def _behind(t: Array, speed: Array, d: float) -> Array:
+def _dahl_state(t: Array, speed: Array, d: float) -> Array:
     """Return the state z (N,) of Dahl's friction, from -1 to 1, which follows the sign
     of a velocity ``speed`` (N,) over a travel d [rad, m]: dz/dt = dq / d - |dq| z / d.
     """
@@ -570,7 +570,7 @@ def _transmission(drawing_world: World, joint: int, rng: Generator) -> Hidden:
         """Return the added torque (N, n) [N m, N] at this size."""
         v = motion.dq @ c
         if law == 3:
-            friction = _behind(motion.t, v, d)
+            friction = _dahl_state(motion.t, v, d)
         else:
             friction = np.tanh(v / width)
         if law == 4:
@@ -589,17 +589,18 @@ def _transmission(drawing_world: World, joint: int, rng: Generator) -> Hidden:
 
 def _load_hysteresis(drawing_world: World, joint: int, rng: Generator) -> Hidden:
     """Make friction of a joint (from 0) that is proportional to its load and builds up
-    over a travel d: tau = size |tau_rigid| z, with the state z of Dahl's model."""
+    over a travel d: tau = size |tau_rigid| z, with the state z of Dahl's model.
+
+    d is drawn once, in units of ``drawing_world``; a world adds the torque to its own.
+    """
     d = _unit(drawing_world, joint) * log_uniform(rng, 0.002, 0.01)
 
-    return at_joint(
-        joint,
-        lambda world, motion: (
-            np.abs(world.rigid(motion)[:, joint])
-            * _behind(motion.t, motion.dq[:, joint], d)
-        ),
-        d=d,
-    )
+    def torque_of_size_one(world: World, motion: TrueMotion) -> Array:
+        """Return |tau_rigid| z (N,) along a motion."""
+        load = np.abs(world.rigid(motion)[:, joint])
+        return load * _dahl_state(motion.t, motion.dq[:, joint], d)
+
+    return at_joint(joint, torque_of_size_one, d=d)
 
 
 def _slip(drawing_world: World, joint: int, rng: Generator) -> Hidden:
