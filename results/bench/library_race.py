@@ -115,7 +115,7 @@ class LibraryRace(Race):
         self.is_doubtful = False
         self.first_looks = {}
         self.all_rows = Evidence(cast(Any, WhiteLog(white)))
-        self.few_rows = self.all_rows.thinned(c.THIN)
+        self.few_rows = self.all_rows.of_rows(slice(None, None, c.THIN))
         self.forms = dict[Hypothesis, Candidate]()
         batches = list_candidates(white).batches
         transform = self.all_rows.log.as_logged

@@ -175,7 +175,7 @@ def _evidence(problem: Problem, run: Measurements) -> Evidence | None:
     """The evidence of all runs of a log; None where no arm can be fitted."""
     reports = [judge_facts(problem, part) for part in run.runs()]
     judge = LoggerJudge(problem, reports)
-    return Race([*judge.logs.values()]).all if judge.logs else None
+    return Race([*judge.logs.values()]).all_rows if judge.logs else None
 
 
 def _case(

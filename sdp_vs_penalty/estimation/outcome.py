@@ -96,17 +96,21 @@ class OfferOutcome:
         """Say how the error changes of the joint that errs most, ``worst`` (from 1), or where
         that does not gain of the one that gains most, and which joints err more."""
         most = self.shown(worst)
-        if not self.falls(most):
-            texts = [f"joint {worst} does not gain: {self.change_of(worst)}"]
-        else:
+        rising = {*self.rising}
+        if self.falls(most):
             texts = [f"joint {most}'s error: {self.change_of(most)}"]
+        elif worst in rising:
+            texts = [f"joint {worst} errs more: {self.change_of(worst)}"]
+        else:
+            texts = [f"joint {worst} does not gain: {self.change_of(worst)}"]
         if self.floor is not None and self.before[worst - 1] < self.floor[worst - 1]:
             texts.append("that cannot be told from the noise")
-        elif self.falls(most) and most != worst:
+        elif self.falls(most) and worst not in {most, *rising}:
             texts.append(f"joint {worst}, which errs most, does not gain")
-        rising = [joint for joint in self.rising if joint not in (worst, most)]
         texts += [
-            f"joint {joint} errs more: {self.change_of(joint)}" for joint in rising
+            f"joint {joint} errs more: {self.change_of(joint)}"
+            for joint in self.rising
+            if joint != most and (joint != worst or self.falls(most))
         ]
         if self.falls(most) and not self.rising and len(self.before) > 1:
             texts.append("no joint errs more")
