@@ -72,34 +72,13 @@ def fit_arm(
     """
     whole = np.isfinite(np.hstack([q, tau])).all(axis=1) & ~stray_rows(t)
     t, q, tau = (x[whole][:_ROWS] for x in (t, q, tau))
-    steps = np.diff(t)
-    step = float(np.median(steps)) if len(steps) else 0.0
-    if len(q) < _SHORTEST or not step > 0.0:
+    if len(q) < _SHORTEST:
         return None
-    does_move, is_loaded = _varies(q), _varies(tau)
-    if not does_move.any() or not is_loaded.any():
+    is_loaded = _varies(tau)
+    filtered = _filtered_rows(t, q, tau) if is_loaded.any() else None
+    if filtered is None:
         return None
-    moving = int(np.argmax(np.std(q, axis=0)))
-    spread = float(np.std(q[:, moving]))
-    from scipy.signal import savgol_filter
-
-    width = _NARROWEST
-    while width < len(q) // 8:
-        moved = q[width - 1 :, moving] - q[: 1 - width, moving]
-        if np.quantile(np.abs(moved), 0.9) >= _MOVED * spread:
-            break
-        width += 2
-    is_even = np.abs(steps - step) < 0.5 * step
-    is_near_gap = np.convolve(~is_even, np.ones(2 * width), "same") > 0.5
-    # The windows of the first and the last rows are not whole.
-    rows = width + np.flatnonzero(~is_near_gap[width - 1 : -width])
-    rows = rows[:: 1 + len(rows) // _ROWS_FITTED]
-    if len(rows) < _SHORTEST:
-        return None
-    q, dq, ddq = (savgol_filter(q, width, 3, k, step, axis=0)[rows] for k in range(3))
-    # The filter's derivatives of a constant position are rounding errors.
-    dq, ddq = does_move * dq, does_move * ddq
-    tau = savgol_filter(tau, width, 3, axis=0)[rows]
+    q, dq, ddq, tau = filtered
     usual_speed = nonzero_or_one(np.std(dq, axis=0))
     count, n = tau.shape
     rigid = np.asarray(robot.regressor(q, dq, ddq)).reshape(count, n, -1)
@@ -114,28 +93,75 @@ def fit_arm(
     columns = np.concatenate([rigid, of_one_joint], axis=2) / spreads[:, None]
     scale = nonzero_or_one(np.linalg.norm(columns, axis=(0, 1)))
     rows = np.concatenate([columns / scale, (tau / spreads)[:, :, None]], axis=2)
-    left = list[Array]()
     joints = np.split(rows, tau.shape[1], axis=1) if each_in_its_unit else [rows]
-    for of_joint in joints:
-        parts = np.array_split(of_joint, N_PARTS)
-        factors = [_triangular(list(x)) for x in parts]
-        for k, part in enumerate(parts):
-            others = _triangular(factors[:k] + factors[k + 1 :])
-            theta = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=1e-6)[0]
-            left.append(np.ravel(part[:, :, -1] - part[:, :, :-1] @ theta))
-    share = min(float(np.sqrt(np.mean(np.concatenate(left) ** 2))), 1.0)
+    errors, solutions = zip(*map(_errors_of_left_out, joints), strict=True)
+    share = min(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), 1.0)
     if each_in_its_unit:
         return ChannelFit(share, friction=0.0)
+    theta = solutions[0] / scale
     of_friction = slice(-2 * n, None)
     speeds = (dq / usual_speed)[:, is_loaded]
-    power = of_one_joint[:, :, of_friction] @ (theta / scale)[of_friction] * speeds
+    power = of_one_joint[:, :, of_friction] @ theta[of_friction] * speeds
     needed = float(np.linalg.norm(rigid.sum(axis=2) / spreads))
-    factors_of_links = (theta / scale)[: rigid.shape[2]]
+    factors_of_links = theta[: rigid.shape[2]]
     size = float(np.linalg.norm(rigid @ factors_of_links / spreads))
     is_known = links is not None and needed > 0.0
     return ChannelFit(
         share, float(np.mean(power / spreads)), size / needed if is_known else 0.0
     )
+
+
+def _filtered_rows(
+    t: Array, q: Array, tau: Array
+) -> tuple[Array, Array, Array, Array] | None:
+    """Return positions, velocities, accelerations and torques (K, n) in rows spread over a
+    log, behind one smoothing filter; None where its rows are too few or nothing moves."""
+    steps = np.diff(t)
+    step = float(np.median(steps))
+    does_move = _varies(q)
+    if not step > 0.0 or not does_move.any():
+        return None
+    from scipy.signal import savgol_filter
+
+    width = _rows_of_window(q)
+    is_even = np.abs(steps - step) < 0.5 * step
+    is_near_gap = np.convolve(~is_even, np.ones(2 * width), "same") > 0.5
+    # The windows of the first and the last rows are not whole.
+    rows = width + np.flatnonzero(~is_near_gap[width - 1 : -width])
+    rows = rows[:: 1 + len(rows) // _ROWS_FITTED]
+    if len(rows) < _SHORTEST:
+        return None
+    q, dq, ddq = (savgol_filter(q, width, 3, k, step, axis=0)[rows] for k in range(3))
+    tau = savgol_filter(tau, width, 3, axis=0)[rows]
+    # The filter's derivatives of a constant position are rounding errors.
+    return q, does_move * dq, does_move * ddq, tau
+
+
+def _rows_of_window(q: Array) -> int:
+    """Return the rows over which positions (N, n) are differentiated: as many as the joint
+    that moves most takes for a part of its swing."""
+    spreads = np.std(q, axis=0)
+    moving = int(np.argmax(spreads))
+    width = _NARROWEST
+    while width < len(q) // 8:
+        moved = q[width - 1 :, moving] - q[: 1 - width, moving]
+        if np.quantile(np.abs(moved), 0.9) >= _MOVED * spreads[moving]:
+            break
+        width += 2
+    return width
+
+
+def _errors_of_left_out(rows: Array) -> tuple[Array, Array]:
+    """Fit rows (K, n, p + 1), p columns and the torque, without each of ten parts in turn;
+    return the errors (K n,) in the parts left out, and the last solution (p,)."""
+    parts = np.array_split(rows, N_PARTS)
+    factors = [_triangular(list(part)) for part in parts]
+    errors = list[Array]()
+    for k, part in enumerate(parts):
+        others = _triangular(factors[:k] + factors[k + 1 :])
+        theta = np.linalg.lstsq(others[:, :-1], others[:, -1], rcond=1e-6)[0]
+        errors.append(np.ravel(part[:, :, -1] - part[:, :, :-1] @ theta))
+    return np.concatenate(errors), np.asarray(theta, float)
 
 
 def _varies(channels: Array) -> Mask:
