@@ -4,16 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adding import identify_with
 from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, compare_filtered
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.open_findings import verdict_beside
+from sdp_vs_penalty.diagnosis.open_findings import describe_loss, verdict_on_file
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.estimation.outcome import OfferOutcome
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters import export as exporting
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -87,10 +89,16 @@ def export(
             verdict = held.verdict
             if held.is_refitted:
                 model, lost = held.model, held.lost
-    left_out = exporting.write_model(
-        model, out, urdf, mjcf=mjcf, force=force, flange=flange, judged=verdict
+    return exporting.write_model(
+        model,
+        out,
+        urdf,
+        mjcf=mjcf,
+        force=force,
+        flange=flange,
+        judged=verdict,
+        identified_without=lost,
     )
-    return (*lost, *left_out)
 
 
 def _filtered(model: Estimate, source: Source) -> FilteredRuns:
@@ -109,6 +117,8 @@ class AsExported:
     model: Estimate
     #: Its errors on the runs.
     comparison: Comparison
+    #: How they differ from those of the whole model.
+    outcome: OfferOutcome
     #: The verdict on it.
     verdict: Verdict
     #: Whether it was identified again.
@@ -149,7 +159,7 @@ def judge_as_exported(
         return None
     name = Path(out).name
     (compared,) = compare_filtered({name: held}, runs, noise=whole.noise)
-    judged = AsExported(lost, held, compared, verdict_beside(findings, compared))
+    judged = _judged_beside(whole, compared, lost, findings)
     if training is None:
         return judged
     return refit_as_exported(judged, (), training, runs, whole, findings)
@@ -188,10 +198,26 @@ def refit_as_exported(
     (compared,) = compare_filtered({name: again}, judged, noise=whole.noise)
     if not compared.errors.size < held.comparison.errors.size:
         return held
-    verdict = verdict_beside(findings, compared)
-    provenance = {**again.provenance, "verdict": verdict.to_dict()}
+    judged_again = _judged_beside(whole, compared, held.lost, findings)
+    provenance = {**again.provenance, "verdict": judged_again.verdict.to_dict()}
     again = replace(again, provenance=provenance)
-    return AsExported(held.lost, again, compared, verdict, True, tuple(laws))
+    return replace(
+        judged_again, model=again, is_refitted=True, laws_in_place=tuple(laws)
+    )
+
+
+def _judged_beside(
+    whole: Comparison,
+    compared: Comparison,
+    lost: tuple[str, ...],
+    findings: Diagnosis | None,
+) -> AsExported:
+    """Judge what a file holds of a model, beside the whole model on the same runs."""
+    units = [formatting.plain_unit(unit) for unit in whole.estimate.torque_units]
+    outcome = OfferOutcome(whole.rmse, compared.rmse, whole.noise_floor, units)
+    loss = describe_loss(outcome)
+    verdict = verdict_on_file(compared.verdict, loss, findings, whole.estimate)
+    return AsExported(lost, compared.estimate, compared, outcome, verdict)
 
 
 def laws_in_place(

@@ -6,6 +6,7 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.finding import Finding, named_on_joints
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.outcome import OfferOutcome
 from sdp_vs_penalty.estimation.verdict import FIT, Verdict
 
 
@@ -80,3 +81,35 @@ def with_findings(
     is_good_fit = any(x.about == FIT and x.grade == "good" for x in verdict.lines)
     is_open = not is_good_fit and has_open_finding(diagnosis, estimate)
     return verdict.with_missing(still_missing(diagnosis, estimate), is_open)
+
+
+def verdict_on_file(
+    verdict: Verdict, loss: str, diagnosis: Diagnosis | None, whole: Estimate
+) -> Verdict:
+    """Return the verdict on a file that cannot hold all of a model.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        That of its errors.
+    loss : str
+        What it costs that the file cannot hold all of it (:func:`describe_loss`).
+    diagnosis : Diagnosis or None
+        Of the whole model, or of one that this grew from: what that lacks, the file
+        lacks too. What it leaves open of the whole model's errors is not of the file.
+    whole : Estimate
+        The whole model.
+    """
+    lacking = ""
+    if diagnosis is not None and findings_not_added(diagnosis, whole):
+        lacking = still_missing(diagnosis, whole)
+    sentence = f"{loss} {lacking}".rstrip()
+    return verdict.with_missing(sentence, has_open_finding=False)
+
+
+def describe_loss(outcome: OfferOutcome) -> str:
+    """Say what the effects that a file leaves out cost, joint by joint, in a sentence;
+    ``outcome``: the errors of the whole model, and those of the file."""
+    if losses := outcome.losses():
+        return f"Without what this file leaves out, {'; '.join(losses)}."
+    return "No joint errs more without what this file leaves out."

@@ -3,7 +3,7 @@ it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,6 +76,11 @@ class OfferOutcome:
         amounts = formatting.amounts(errors, self.units[joint - 1])
         return f"{amounts} ({formatting.change_of(*errors)})"
 
+    def losses(self, besides: Collection[int] = ()) -> list[str]:
+        """Say of each joint that errs more by how much, but for ``besides`` (from 1)."""
+        joints = [joint for joint in self.rising if joint not in besides]
+        return [f"joint {joint} errs more: {self.change_of(joint)}" for joint in joints]
+
     def share_of(self, joint: int) -> str:
         """Say by how much the error of a joint (from 1) changes: "joint 3's +7 %"."""
         errors = (float(x[joint - 1]) for x in (self.before, self.after))
@@ -107,11 +112,7 @@ class OfferOutcome:
             texts.append("that cannot be told from the noise")
         elif self.falls(most) and worst not in {most, *rising}:
             texts.append(f"joint {worst}, which errs most, does not gain")
-        texts += [
-            f"joint {joint} errs more: {self.change_of(joint)}"
-            for joint in self.rising
-            if joint != most and (joint != worst or self.falls(most))
-        ]
+        texts += self.losses({most} if self.falls(most) else {most, worst})
         if self.falls(most) and not self.rising and len(self.before) > 1:
             texts.append("no joint errs more")
         return "; ".join(texts)

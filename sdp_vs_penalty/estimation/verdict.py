@@ -149,8 +149,8 @@ class Verdict(JsonRecord):
         )
 
     def brief(self) -> str:
-        """Return the verdict in one line, for the header of a file."""
-        reasons = " ".join(str(line) for line in self.lines)
+        """Return the verdict in one line, for the header of a file of ASCII."""
+        reasons = " ".join(str(line) for line in self.lines).replace("→", "->")
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
 
     def with_missing(self, sentence: str, has_open_finding: bool) -> Verdict:

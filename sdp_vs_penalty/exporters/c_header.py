@@ -45,6 +45,7 @@ def write(estimate: Estimate, options: Options) -> Written:
     # Refuses what no simulator or controller should be given.
     content = Content.from_estimate(estimate)
     omitted = left_out(estimate, HOLDS)
+    lacking = dict.fromkeys((*options.identified_without, *omitted))
     # The robot's name as an identifier of C, where it can be one.
     name = re.sub(r"\W", "_", robot.name)
     if not (name and name.isascii() and not name[0].isdigit()):
@@ -59,7 +60,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),
-        left=_comment(", ".join(map(effect_in_words, omitted)) or "nothing"),
+        left=_comment(", ".join(map(effect_in_words, lacking)) or "nothing"),
         n=robot.n,
         parent=_braces(np.array(parents)),
         slides=_braces(np.array([int(j.kind == "prismatic") for j in joints])),

@@ -46,6 +46,9 @@ class Options:
     force: bool = False
     #: Place of the flange in the last link's frame [m].
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    #: Effects that the model was identified again without, since the file has no place
+    #: for them.
+    identified_without: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

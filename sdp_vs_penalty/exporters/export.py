@@ -54,19 +54,22 @@ def write_model(
     force: bool = False,
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     judged: Verdict | None = None,
+    identified_without: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """Write a model in the format that the file's name chooses, and return the effects
     left out.
 
     Parameters are those of :func:`sdp_vs_penalty.export`, but the model is loaded
     already; ``judged`` is the verdict on the model without the effects that the file
-    cannot hold.
+    cannot hold, and ``identified_without`` names those of them that the model was
+    identified again without.
     """
     out = Path(out)
     file_format = format_of(out)
     own_file = _own_file(file_format, out, {"URDF": urdf, "MJCF": mjcf})
-    options = Options(own_file, force, flange)
-    content, lost = file_format.write(estimate, options)
+    options = Options(own_file, force, flange, tuple(identified_without))
+    content, omitted = file_format.write(estimate, options)
+    lost = tuple(dict.fromkeys((*identified_without, *omitted)))
     if own_file is None:  # the user's own file gets no comment: its other bytes stay
         verdict = verdict_line(estimate)
         if lost and hasattr(file_format, "HOLDS"):

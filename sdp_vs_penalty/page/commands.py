@@ -58,7 +58,13 @@ def commands_of(session: RunIssues) -> list[list[str]]:
         names.append(name)
         commands.append(["add", *words, *frozen, "--out", name])
     for file, record in history[-1].exported.items():
-        if file in session.taken and record.get("model"):  # none in older projects
+        if file not in session.taken or not record.get(
+            "model"
+        ):  # none in older projects
+            continue
+        if not record["in_place"]:
+            commands.append(["export", name, "--out", file, "--refit", *data, *test])
+        else:
             commands.append(identify_words(record["effects"], f"for-{file}.json"))
             commands.append(["export", f"for-{file}.json", "--out", file])
     if history[-1].findings is not None:

@@ -70,7 +70,12 @@ from sdp_vs_penalty.diagnosis.comparison import (
     predicted,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.open_findings import verdict_beside, with_findings
+from sdp_vs_penalty.diagnosis.open_findings import (
+    describe_loss,
+    verdict_beside,
+    verdict_on_file,
+    with_findings,
+)
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.errors import (
@@ -1247,9 +1252,10 @@ def find(job: JobRequest) -> Answer:
     Returns
     -------
     dict
-        "diagnosis"; "curves": what `add` calls each measured curve; "verdicts": those of
-        ``job["verdicts"]``, with what is missing. The curves that the page
-        draws are saved as ``job["pictures"]``.
+        "diagnosis"; "curves": what `add` calls each measured curve; "verdict": that of
+        the model, ``job["verdict"]``, with what is missing; "verdicts": the same of each
+        file of ``job["exported"]``. The curves that the page draws are saved as
+        ``job["pictures"]``.
     """
     runs = job.runs
     model = job.model
@@ -1268,9 +1274,14 @@ def find(job: JobRequest) -> Answer:
     return {
         "diagnosis": result.to_dict(),
         "curves": curves,
+        "verdict": with_findings(
+            Verdict.from_dict(job["verdict"]), result, model
+        ).to_dict(),
         "verdicts": {
-            name: with_findings(Verdict.from_dict(verdict), result, model).to_dict()
-            for name, verdict in job["verdicts"].items()
+            name: verdict_on_file(
+                Verdict.from_dict(record["verdict"]), record["loss"], result, model
+            ).to_dict()
+            for name, record in job["exported"].items()
         },
     }
 
@@ -1383,14 +1394,22 @@ def _write_report(job: JobRequest, out: Path) -> None:
 def _write_export(job: JobRequest, out: Path) -> None:
     """Export the current model in the format of the file's suffix.
 
-    Its head has the verdict ``job["verdict"]``, which the page shows beside it.
+    Its head has the verdict ``job["verdict"]``, which the page shows beside it; what the
+    model was identified again without, ``job["identified_without"]``, is left out too.
     """
     urdf = job.get("urdf") if out.name == "robot.urdf" else None
     x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
     model = job.model
     model.provenance["verdict"] = job["verdict"]
     judged = Verdict.from_dict(job["verdict"])
-    write_model(model, out, urdf, flange=(x, y, z), judged=judged)
+    write_model(
+        model,
+        out,
+        urdf,
+        flange=(x, y, z),
+        judged=judged,
+        identified_without=job.get("identified_without", ()),
+    )
 
 
 def forward(job: JobRequest) -> Answer:
@@ -1500,6 +1519,9 @@ def _files_judged(
         judged[home.FILE] = {
             **_error_of(of_file.comparison),
             "lost": effects_in_words(of_file.lost),
+            "left_out": [*of_file.lost],
+            "loss": describe_loss(of_file.outcome),
+            "losses": ", ".join(map(of_file.outcome.share_of, of_file.outcome.rising)),
             "n_lost": len(of_file.lost),
             "effects": effects_to_estimate_again(
                 of_file.model.model.effects, of_file.model.report.shapes

@@ -105,10 +105,12 @@ class ModelStep(JsonRecord):
     #: The same of the robot as its file states it; empty for servos.
     factory: dict[str, Any] = field(default_factory=dict)
     #: By file of `export` that cannot hold all of it, what is known of that file: the
-    #: same, "lost" effects in words, their number "n_lost", "effects" that it holds as
-    #: `identify` takes them, "verdict" as the file says it; the "model" that was
-    #: identified again for it, "" where that errs no less, and the laws in words that
-    #: this has "in_place" of what is lost.
+    #: same, "lost" effects in words, their number "n_lost", and how they are written
+    #: ("left_out"), which joints err more for that in a sentence ("loss") and in brief
+    #: ("losses", "" where none does), "effects" that it holds as `identify` takes them,
+    #: "verdict" as the file says it; the "model" that was identified again for it, ""
+    #: where that errs no less, and the laws in words that this has "in_place" of what
+    #: is lost.
     exported: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: File that a person brought; "" for none.
     opened: str = ""
@@ -141,6 +143,12 @@ class ModelStep(JsonRecord):
         name = self.exported.get(file, {}).get("model", "")
         return str(Path(self.file).with_name(name)) if name else self.file
 
+    def identified_without(self, file: str) -> list[str]:
+        """The effects, as they are written, that the model of a file was identified again
+        without."""
+        record = self.exported.get(file, {})
+        return record.get("left_out", []) if record.get("model") else []
+
     def worse_than(self, errors: Mapping[str, Any], first: ModelStep) -> str:
         """Say of what a model, or a file of it, with these ``errors`` errs more: of the
         robot as its file states it, or of the first model; "" for neither."""
@@ -156,17 +164,10 @@ class ModelStep(JsonRecord):
     def lesser_files(self, names: Collection[str]) -> str:
         """Say which of these files of `export` err more than the model, since they cannot
         hold all of it; "" where none does."""
-        errors = [
-            f"{x} {self.exported[x]['error']}" for x in names if x in self._lesser
-        ]
+        losses = {x: self.exported.get(x, {}).get("losses", "") for x in names}
+        errors = [f"{name} ({text})" for name, text in losses.items() if text]
         lacks = "Files that cannot hold all of it err more"
         return f"{lacks}: {formatting.words(errors)}." if errors else ""
-
-    @property
-    def _lesser(self) -> list[str]:
-        """The files of `export` that err more than the model."""
-        most = (1.0 + CHANGES) * self.errors.get("size", np.inf)
-        return [x for x, held in self.exported.items() if held.get("size", 0.0) > most]
 
     @property
     def noise_floor(self) -> Array | None:

@@ -370,13 +370,20 @@ class Models(RobotAndRuns):
         model; ``frozen``: its parameters are kept."""
         self._refuse_meaningless()
         pictures = f"cards-{Path(self.current.file).stem}.npz"
-        verdicts = {file: x["verdict"] for file, x in self.current.exported.items()}
-        how = {"frozen": frozen, "pictures": pictures}
-        how["verdicts"] = {"": self.current.comparison["verdict"], **verdicts}
+        how = {
+            "frozen": frozen,
+            "pictures": pictures,
+            "verdict": self.current.comparison["verdict"],
+            # Records of older versions do not say what a file loses.
+            "exported": {
+                file: {"loss": "", **record}
+                for file, record in self.current.exported.items()
+            },
+        }
         answer = await self._job("Looking for what is missing", "find", **how)
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         # A model that lacks a confident finding gets a lower grade.
-        verdict = answer["verdicts"].pop("")
+        verdict = answer["verdict"]
         exported = {
             file: {**self.current.exported[file], "verdict": one}
             for file, one in answer["verdicts"].items()

@@ -133,5 +133,6 @@ class Session(Repairs):
             "forward": self.answer("forward") is not None,
             "verdict": self.current.verdict_on(name).to_dict(),
             "model": self.current.model_of(name),
+            "identified_without": self.current.identified_without(name),
         }
         return self._request("take", name=name, **made_of, **(options or {}))

@@ -1709,11 +1709,19 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     assert sentence(poor.verdict_on("robot.urdf").grade) in text
     assert poor.facts["grades"].text in text
     assert "Fitted without" in text
-    assert "for-robot.urdf.json" not in str(s.commands())
+    assert not any(line.startswith("sdp-vs-penalty export") for line in s.commands())
     screen.click("take-robot.urdf")
-    assert "for-robot.urdf.json" in str(s.commands())
+    assert any("--out robot.urdf --refit --data" in line for line in s.commands())
     verdict = poor.verdict_on("robot.urdf").brief()
     assert verdict in (s.folder / "robot.urdf").read_text()
+    # A diagnosis of the model is no sentence about a file that lacks some of it.
+    do(s, s.diagnose)
+    diagnosed, record = s.current, s.current.exported["robot.urdf"]
+    of_file = diagnosed.verdict_on("robot.urdf").brief()
+    assert diagnosed.findings.headline not in of_file
+    assert record["loss"].replace("→", "->") in of_file
+    assert record["losses"] in diagnosed.lesser_files(["robot.urdf"])
+    assert "joint 1 errs more: " in Screen(s).text("take-away")
     good = {"size": 0.0, "error": "within noise"}
     poor = replace(model, factory=good, errors={**model.errors, "size": 1.0})
     s.history = [*s.history[:-1], poor]

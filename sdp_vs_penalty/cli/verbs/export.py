@@ -69,21 +69,27 @@ def verb(
     if refit and data is None:
         raise InputError("--refit", "name the runs to identify from with --data")
     lost = effects_left_out(estimate, out)
-    held, change = None, ""
+    held = None
     tested = named_test(test, test_window, as_written=False)
     if lost:
         runs = judging_runs(estimate, data, window, tested)
-        held, change = _judged_as_exported(estimate, out, runs, refit)
+        held = _judged_as_exported(estimate, out, runs, refit)
     verdict = None if held is None else held.verdict
-    if held is not None and held.is_refitted:
+    is_refitted = held is not None and held.is_refitted
+    if held is not None and is_refitted:
         estimate = held.model
     left_out = write_model(
-        estimate, out, urdf, mjcf=mjcf, force=force, flange=(x, y, z), judged=verdict
+        estimate,
+        out,
+        urdf,
+        mjcf=mjcf,
+        force=force,
+        flange=(x, y, z),
+        judged=verdict,
+        identified_without=lost if is_refitted else (),
     )
     if lost:
         console.say(exported_verdict(lost, verdict))
-        if change:
-            console.say(f"Without what it cannot hold: {change}")
     else:
         stored = estimate.verdict
         console.say(NOT_JUDGED if stored is None else f"Verdict: {stored.headline}")
@@ -128,23 +134,21 @@ def _samples(
 
 def _judged_as_exported(
     estimate: Estimate, out: Path, runs: Runs | None, refit: bool
-) -> tuple[AsExported | None, str]:
+) -> AsExported | None:
     """Judge the part of a model that an exported file can hold, identified again from the
     training runs if ``refit``.
 
     Returns
     -------
-    AsExported or None, str
-        The judged part, None without runs; how its errors differ from the whole model's,
-        in words.
+    AsExported or None
+        The judged part; None without runs.
     """
     from sdp_vs_penalty.api.exporting import judge_as_exported
     from sdp_vs_penalty.diagnosis.comparison import compare
-    from sdp_vs_penalty.render.words import describe_change
     from sdp_vs_penalty.signals.filtered import FilteredRuns
 
     if runs is None:
-        return None, ""
+        return None
     filters = estimate.preprocessing
     judging = FilteredRuns.filtering(runs.judge, filters.resolve(runs.judge))
     (whole,) = compare(estimate, judging, noise_from=runs.judged_recordings)
@@ -152,8 +156,7 @@ def _judged_as_exported(
     if refit:
         training = FilteredRuns.filtering(runs.train, filters.resolve(runs.train))
     with console.progress("judging what the file can hold"):
-        held = judge_as_exported(estimate, out, judging, whole, training=training)
-    return held, "" if held is None else describe_change(whole, held.comparison)
+        return judge_as_exported(estimate, out, judging, whole, training=training)
 
 
 def _warn_of_names(out: Path) -> None:

@@ -129,13 +129,14 @@ def _file_card(session: Session, name: str, use: str, take: Callable[[], None]) 
 
 
 def _lacking(name: str, record: dict[str, Any], worse: str) -> None:
-    """Draw what a file cannot hold of the model, and what it errs without that."""
+    """Draw what a file cannot hold of the model, and which joints err more for that."""
     count = formatting.count(record["n_lost"], "effect")
-    worst = record["worst"].rstrip(".")
     how = f"Fitted without {count}" if record.get("model") else f"Without {count}"
     if laws := record.get("in_place"):
         how = f"{how}, with {laws} in place"
-    text = f"{how}: {worst[:1].lower()}{worst[1:]}."
+    # Records of older versions do not say which joints err more.
+    loss = record.get("loss", record["worst"]).rpartition("leaves out, ")[2]
+    text = f"{how}: {loss[:1].lower()}{loss[1:]}"
     draw.tag("p", with_whole_amounts(f"{text} {worse}".rstrip()), "worst")
     with draw.details("What it cannot hold", f"lacks-{name}"):
         draw.note(f"{formatting.sentence(record['lost'])}.")
