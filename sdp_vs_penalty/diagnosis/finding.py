@@ -10,7 +10,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE
-from sdp_vs_penalty.diagnosis.doubts import NAME_IS_OPEN, SIZE_IS_OPEN, Doubt
+from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.effects import (
     FittedEffect,
     effect_name,
@@ -32,10 +32,6 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 #: Relative standard deviation of a size from which its torque is said too: a 95 %
 #: interval of 20 % to either side.
 _WIDE = 0.1
-
-
-#: Doubts about the size of a torque that is there, and of no other effect.
-_OF_SIZE = {"uncertain", "insignificant"}
 
 
 class Rated(JsonRecord):
@@ -60,6 +56,11 @@ class Rated(JsonRecord):
         return tuple(doubt.sentence for doubt in self.doubts)
 
     @property
+    def _open_parts(self) -> set[str]:
+        """What the doubts leave open: "name", "size", "torque" or "cause"."""
+        return {doubt.meaning.leaves_open for doubt in self.doubts}
+
+    @property
     def rating(self) -> Rating:
         """ "confident", "near-tie" or "weak".
 
@@ -68,16 +69,14 @@ class Rated(JsonRecord):
         """
         if not self.doubts:
             return "confident"
-        reasons = {doubt.reason for doubt in self.doubts}
-        return "near-tie" if reasons <= NAME_IS_OPEN else "weak"
+        return "near-tie" if self._open_parts == {"name"} else "weak"
 
     @property
     def badge(self) -> str:
         """The rating, or what is uncertain of a weak one whose torque is there."""
         if self.rating != "weak" or not self.torque_is_certain:
             return self.rating
-        reasons = {doubt.reason for doubt in self.doubts}
-        return "size uncertain" if reasons <= _OF_SIZE else "cause uncertain"
+        return "size uncertain" if self._open_parts == {"size"} else "cause uncertain"
 
     @property
     def rating_and_why(self) -> tuple[Rating, str]:
@@ -87,7 +86,7 @@ class Rated(JsonRecord):
     @property
     def has_open_torque(self) -> bool:
         """Whether a doubt leaves open that the torque is there."""
-        return any(doubt.leaves_torque_open for doubt in self.doubts)
+        return "torque" in self._open_parts
 
     @property
     def torque_is_certain(self) -> bool:
@@ -383,8 +382,7 @@ class Finding(Rated):
     @property
     def size_is_open(self) -> bool:
         """Whether a doubt leaves the size open, or its interval holds zero."""
-        reasons = {doubt.reason for doubt in self.doubts}
-        return self.size_may_be_zero or not reasons.isdisjoint(SIZE_IS_OPEN)
+        return self.size_may_be_zero or "size" in self._open_parts
 
     @property
     def effect_is_certain(self) -> bool:
@@ -394,9 +392,9 @@ class Finding(Rated):
         True if nothing but its size is uncertain, and what fits as well are formulas
         of the same physical effect.
         """
-        reasons = {doubt.reason for doubt in self.doubts}
         laws = [is_law_of(rival.name, self.effect) for rival in self.rivals]
-        return reasons <= {"rivals", "uncertain"} and all(laws)
+        doubts = [doubt.meaning.leaves_effect_certain for doubt in self.doubts]
+        return all(doubts) and all(laws)
 
     @property
     def on_the_arm(self) -> str:

@@ -95,10 +95,10 @@ def test_confident_says_which_weak_findings_it_takes_and_why(doubts, run, two_li
     assert (
         "added, since the error on data left out falls with it: joint spring on joint 2"
         " is weak"
-        f" ({REASONS[UNCERTAIN]})"
+        f" ({REASONS[UNCERTAIN].sentence})"
     ) in said
     assert "--only" in said
-    assert REASONS[SMALL] not in said
+    assert REASONS[SMALL].sentence not in said
 
 
 def test_only_takes_no_constant_along_and_says_how_to_add_it(run, two_link):
