@@ -423,7 +423,7 @@ class Race:
         """
         ranking = self.rank(fit, max_rise)
         likely = [x for x in ranking if x.log_odds > c.LOG_ODDS_OF_A_CLAIM]
-        confirmed = (self._confirmed_claim(claim, fit) for claim in likely)
+        confirmed = (self.confirmed_claim(claim, fit) for claim in likely)
         best = next((claim for claim in confirmed if claim is not None), None)
         if best is None:
             return None
@@ -765,7 +765,7 @@ class Race:
                 break
         return size, std
 
-    def _confirmed_claim(self, claim: Claim, fit: ViewFit) -> Claim | None:
+    def confirmed_claim(self, claim: Claim, fit: ViewFit) -> Claim | None:
         """Return a claim if held-out parts of the log confirm it against the incumbent's
         fit, with the larger, jackknifed standard deviation of its size; else None.
 

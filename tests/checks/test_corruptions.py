@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from corruptions import why
 from corruptions.arms import FIVE, drawn, simulated
 from corruptions.bench import HARMFUL, run_case
 from corruptions.kinds import Corruption
@@ -190,3 +191,17 @@ def test_a_tilt_of_the_base_is_named_with_its_direction(degrees, arm):
             if remedy.change.verb == "mount"
         )
         np.testing.assert_allclose(stated, f.gravity, atol=0.01)
+
+
+@pytest.mark.long
+def test_the_race_says_what_lost_against_what(capsys):
+    why.main(["soft saturation joint 3 at 0.4 of the peak"])
+    first, last = (
+        capsys.readouterr().out.split("Taken: saturation of joint 3")[1].split("None\n")
+    )
+    explanations = [
+        line.split("  ")[-1].strip() for line in first.splitlines()[3:] if line
+    ]
+    assert explanations[0] == "saturation of joint 3"
+    assert "torque gain of joint 3" in explanations
+    assert "saturation of joint 3" not in last.split("The check says:")[0]
