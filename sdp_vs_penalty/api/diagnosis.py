@@ -11,11 +11,9 @@ from pathlib import Path
 
 from sdp_vs_penalty.api.identification import gate_of
 from sdp_vs_penalty.arguments import checked_arguments
-from sdp_vs_penalty.checks.certainty import POSSIBLE
 from sdp_vs_penalty.checks.check import check_runs
-from sdp_vs_penalty.checks.explain import FRICTION
 from sdp_vs_penalty.checks.gate import Gate, issues_by_run, needs_check, raise_on_errors
-from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
+from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.files import Source, as_measurements, training_runs
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.adding import add
@@ -194,13 +192,8 @@ def _spans_named(
         Span(run.names[0] if several else "", *issue.span)
         for run in runs.runs()
         for issue in issues.get(run.data_hash, ())
-        if issue.span is not None and _is_likely(issue)
+        if issue.span is not None and issue.is_likely
     )
-
-
-def _is_likely(issue: Issue) -> bool:
-    """Return whether the check calls an issue likely or certain."""
-    return issue.certainty.grade != POSSIBLE
 
 
 def _beside_check(
@@ -208,24 +201,16 @@ def _beside_check(
 ) -> Diagnosis:
     """Join to a diagnosis what the check calls certain or likely of the log. Each
     statement comes once; one that a finding makes as well is left out.
-
-    A log has one explanation. What a repair of all rows would mend has more evidence
-    than any effect of the arm; all else is a rival of the findings on its joints.
     """
     faults = dict[str, list[Remedy]]()
     explained = dict[tuple[str, str], Sequence[int]]()
     for issue in chain.from_iterable(issues.values()):
-        is_explanation = issue.nature == EXPLANATION
-        if not (_is_likely(issue) and is_explanation) or _states(diagnosis, issue):
+        if issue.doubtful_findings == "none" or _states(diagnosis, issue):
             continue
-        if repairs := [
-            x for x in issue.remedies if x.change.verb in ("transform", "mount")
-        ]:
-            faults[issue.what] = repairs
-        elif issue.log_odds is not None and issue.kind != FRICTION:
-            # It names a cause, which is not what findings on the arm's friction say too.
-            named = issue.kind, issue.what
-            explained[named] = issue.joints
+        if issue.doubtful_findings == "all":
+            faults[issue.what] = issue.repairs_of_rows
+        else:
+            explained[issue.kind, issue.what] = issue.joints
     for (kind, what), joints in explained.items():
         diagnosis = diagnosis.beside_explanation_of_log(kind, what, joints)
     return diagnosis.beside_faults_of_log([*chain.from_iterable(faults.values())])
@@ -241,7 +226,7 @@ def _states(diagnosis: Diagnosis, issue: Issue) -> bool:
     ) or (
         any(span.covers(issue.at) for span in diagnosis.left_out)
         if issue.at is not None
-        else bool(diagnosis.passing) and issue.kind == "another load"
+        else bool(diagnosis.passing) and issue.arm_difference == "load"
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty.arguments import checked_arguments
 from sdp_vs_penalty.checks import residual
-from sdp_vs_penalty.checks.certainty import POSSIBLE, READ, stated
+from sdp_vs_penalty.checks.certainty import READ, stated
 from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics, with_issues
 from sdp_vs_penalty.checks.facts import channels, magnitude, mended, standing, stuck
@@ -161,7 +161,7 @@ def without_consequences(reports: Sequence[Report]) -> list[Report]:
     masses, loads or friction. What remains of these is said when the columns are right.
     """
     of_columns = [x for r in reports for x in r.issues if x.is_of_columns]
-    if all(x.severity != "error" and x.certainty.grade == POSSIBLE for x in of_columns):
+    if not any(x.severity == "error" or x.is_likely for x in of_columns):
         return [*reports]
     return [
         replace(report, issues=tuple(x for x in report.issues if not x.may_follow))

@@ -24,24 +24,23 @@ from sdp_vs_penalty.race.kinds import list_faults
 from sdp_vs_penalty.race.kinds.events import DRIFT, drift_of_runs
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, RaceOutcome
+from sdp_vs_penalty.race.records import ArmDifference
 from sdp_vs_penalty.results.remedy import Change
 
 #: Standard deviations of a 95 % interval; what the model lacks widens it (Student's t of
 #: the parts of a log).
 _INTERVAL = 2.4
-#: What a joint's friction has more in one run: diagnosis names its law.
-FRICTION = "another friction"
 #: What no change of the log can undo, in words with its size, and what to do.
-_DIFFERENCES = {
-    "another load": (
+_DIFFERENCES: dict[ArmDifference, tuple[str, str]] = {
+    "load": (
         "{run} carries {weight} load on its last link ({amount}{supposed}), beside the others.",
         "identify the runs apart, or log with the same tool",
     ),
-    "another arm": (
+    "links": (
         "masses and inertias of other links explain {run}, beside the others.",
         "identify the runs apart, or log with the same arm",
     ),
-    FRICTION: (
+    "friction": (
         "{joint} has {size:.2g} {unit}{supposed} {more} friction in {run} than in the others (wear,"
         " another temperature).",
         "identify the runs apart, or log them as warm",
@@ -137,8 +136,9 @@ def _rivals_of(claim: Claim) -> list[str]:
     links carry a load, too."""
     h = claim.hypothesis
     others = [x.hypothesis for x in claim.rivals if x.hypothesis.name != h.name]
-    pair = "another load", "another arm"
-    return [x.in_words for x in others if (h.kind, x.kind) != pair]
+    if h.arm_difference == "load":
+        others = [x for x in others if x.arm_difference != "links"]
+    return [x.in_words for x in others]
 
 
 def _of_controller(claim: Claim) -> Issue:
@@ -316,9 +316,9 @@ def issue_of_difference(
     if is_gain:  # by how much the torque is larger there
         size = float(np.exp(-size)) - 1.0
     apply, heading, fault = "", "", None
-    if repair is None:
+    if h.arm_difference is not None:
         heading = f"{h.kind} than in the other runs"
-        what, remedy = _DIFFERENCES[h.kind]
+        what, remedy = _DIFFERENCES[h.arm_difference]
         more, weight = ("less", "a lighter") if size < 0.0 else ("more", "a heavier")
         unit = log.torque_unit(h.joints[0]) if h.joints else "kg"
         half = _INTERVAL * claim.std
@@ -334,6 +334,7 @@ def issue_of_difference(
             joint=joints_text(h.joints) if h.joints else "",
         )
     else:
+        assert repair is not None  # what is no other arm changes the log
         faults = list_faults(log, repair)
         what = f"in {name} only: {' '.join(fault.what for fault in faults)}"
         remedy = f"{', '.join(fault.remedy for fault in faults)} in this run"
@@ -362,7 +363,8 @@ def issue_of_difference(
         apply=apply,
         position_unit=h.position_unit,
         is_gain=is_gain,
-        is_another_arm=h.extra_torque is not None,
+        is_another_arm=h.arm_difference is not None,
+        arm_difference=h.arm_difference,
         joints=h.joints,
         run=name,
         size=size,

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from sdp_vs_penalty.checks.certainty import (
     CERTAIN,
@@ -16,6 +16,7 @@ from sdp_vs_penalty.checks.certainty import (
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import PositionError, joints_text
+from sdp_vs_penalty.race.records import ArmDifference
 from sdp_vs_penalty.records import NOT_STORED, WritesJson
 from sdp_vs_penalty.results.issue import Certainty, IssueInWords
 from sdp_vs_penalty.results.remedy import Change, Remedy
@@ -23,6 +24,8 @@ from sdp_vs_penalty.results.remedy import Change, Remedy
 #: The two natures of an issue.
 FACT = "fact"
 EXPLANATION = "explanation"
+#: Which findings of a diagnosis an issue makes doubtful.
+DoubtfulFindings = Literal["none", "on its joints", "all"]
 
 
 class Left(IntEnum):
@@ -85,6 +88,8 @@ class Issue(IssueInWords, WritesJson):
     is_torque_unit: bool = field(default=False, metadata=NOT_STORED)
     #: Whether it explains what the torques of all its joints show.
     explains_joints: bool = field(default=False, metadata=NOT_STORED)
+    #: What of the arm is another one in this run; None for an issue about the log.
+    arm_difference: ArmDifference | None = field(default=None, metadata=NOT_STORED)
     #: What is left to be judged beside it.
     left: Left = field(default=Left.ALL, metadata=NOT_STORED)
     #: Word of `check --fix --apply` for the repair.
@@ -139,6 +144,32 @@ class Issue(IssueInWords, WritesJson):
         its cause included, or it is an error, without whose repair nothing can be read."""
         is_sure = self.certainty.grade == CERTAIN and not self.cause
         return is_sure or self.severity == "error"
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether it is likely or certain; one that is only possible decides nothing."""
+        return self.certainty.grade != POSSIBLE
+
+    @property
+    def repairs_of_rows(self) -> list[Remedy]:
+        """What would mend it in all rows: a change of the log, or the gravity."""
+        return [x for x in self.remedies if x.change.verb in ("transform", "mount")]
+
+    @property
+    def doubtful_findings(self) -> DoubtfulFindings:
+        """Which findings of a diagnosis it makes doubtful: a log has one explanation.
+
+        What a repair of all rows would mend has more evidence than any effect of the arm.
+        Another explanation is a rival of the findings on its joints. Friction is none: it
+        says that it is another one, and the findings by which law.
+        """
+        if self.nature != EXPLANATION or not self.is_likely:
+            return "none"
+        if self.repairs_of_rows:
+            return "all"
+        is_judged = self.log_odds is not None
+        is_rival = is_judged and self.arm_difference != "friction"
+        return "on its joints" if is_rival else "none"
 
     @property
     def may_follow(self) -> bool:
@@ -206,6 +237,7 @@ def make_issue(
     position_unit: str | None = None,
     is_gain: bool = False,
     is_another_arm: bool = False,
+    arm_difference: ArmDifference | None = None,
     heading: str = "",
     in_doubt: str = "",
     of_positions: PositionError | None = None,
@@ -234,8 +266,8 @@ def make_issue(
         From 0; None for an issue about no joint.
     where : str
         The place; default: the joints in words.
-    position_unit, is_gain, is_another_arm, heading, in_doubt, of_positions,
-    is_of_columns
+    position_unit, is_gain, is_another_arm, arm_difference, heading, in_doubt,
+    of_positions, is_of_columns
         As the attributes.
     is_torque_unit, explains_joints, at, span, run, size, log_odds, probability
         As the attributes.
@@ -275,6 +307,7 @@ def make_issue(
         position_unit=position_unit,
         is_gain=is_gain,
         is_another_arm=is_another_arm,
+        arm_difference=arm_difference,
         heading=heading,
         in_doubt=in_doubt,
         of_positions=of_positions,
@@ -328,7 +361,7 @@ def mended_unasked(run: Measurements, issues: Sequence[Issue]) -> Measurements:
 def left_to_judge(issues: Iterable[Issue]) -> Left:
     """Return what is left to be judged beside all of some issues; one that is only
     possible leaves the judgement to the arm."""
-    levels = [f.left for f in issues if f.certainty.grade != POSSIBLE]
+    levels = [f.left for f in issues if f.is_likely]
     return min(levels, default=Left.ALL)
 
 

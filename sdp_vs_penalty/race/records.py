@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.robot.arrays import Array, Indices, Mask
+
+#: What of the arm may be another one in a part of a log: what its last link carries, its
+#: links, the friction of a joint.
+ArmDifference = Literal["load", "links", "friction"]
 
 
 @dataclass(frozen=True)
@@ -232,6 +236,8 @@ class Hypothesis:
     is_usual: bool = False
     #: Unit that positions are in, as its fault has it.
     position_unit: str | None = None
+    #: What of the arm is another one in its part; None for a fault of the log.
+    arm_difference: ArmDifference | None = None
 
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:

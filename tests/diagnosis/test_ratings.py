@@ -517,6 +517,24 @@ def test_only_what_no_sure_finding_states_is_a_rival(kind, grade, doubts, rating
     assert beside.effects[0].rating == rating
 
 
+@pytest.mark.parametrize(
+    ("fields", "doubtful"),
+    [
+        ({"log_odds": 30.0}, "on its joints"),
+        ({"log_odds": 30.0, "arm_difference": "load"}, "on its joints"),
+        ({"log_odds": 30.0, "arm_difference": "friction"}, "none"),
+        ({}, "none"),  # no race has judged it
+        ({"apply": "sign:tau1"}, "all"),
+        ({"apply": "sign:tau1", "certainty": Certainty("possible", "")}, "none"),
+        ({"apply": "unit:tau", "nature": "fact"}, "none"),
+    ],
+)
+def test_an_issue_says_which_findings_it_makes_doubtful(fields, doubtful):
+    likely_one = {"certainty": likely("an arm leaves less"), "remedy": "", **fields}
+    issue = make_explanation("a kind", "something.", where="the log", **likely_one)
+    assert issue.doubtful_findings == doubtful
+
+
 def test_a_mounting_and_each_of_a_set_are_faults_of_the_log():
     """Where the base is turned, or a joint's sign, no finding is sure, and the set stands
     there with its probabilities."""

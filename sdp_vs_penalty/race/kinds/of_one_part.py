@@ -69,7 +69,13 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             at = evidence.rows_of(part)[None, :, None]
             extra = replace(friction, columns=friction.columns * at)
             yield Hypothesis(
-                "another friction", (j,), odds, none, part=part, extra_torque=extra
+                "another friction",
+                (j,),
+                odds,
+                none,
+                part=part,
+                extra_torque=extra,
+                arm_difference="friction",
             )
 
 
@@ -103,13 +109,25 @@ def in_parts(
             extra = ExtraTorque(load.columns * at, load.sd, is_positive=is_positive)
             one_of = odds - float(np.log(len(loads)))
             yield Hypothesis(
-                "another load", (), one_of, none, part=part, extra_torque=extra
+                "another load",
+                (),
+                one_of,
+                none,
+                part=part,
+                extra_torque=extra,
+                arm_difference="load",
             )
         if arm is not None:
             extra = ExtraTorque(arm.columns * at, arm.sd)
             rare = odds - c.LOG_ODDS_AGAINST_DIFFERENCE
             yield Hypothesis(
-                "another arm", (), rare, none, part=part, extra_torque=extra
+                "another arm",
+                (),
+                rare,
+                none,
+                part=part,
+                extra_torque=extra,
+                arm_difference="links",
             )
 
 
