@@ -19,13 +19,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[0] = str(Path(__file__).parents[1])
 
 import numpy as np
 import pandas
 from benchmarks.rivals import base_script, cvxpy_script
 from numpy.typing import NDArray
-from real_arms import Split, joint_errors, read_options, ur10e_splits
+from real_arms.real_arms import Split, joint_errors, read_options, ur10e_splits
 
 from sdp_vs_penalty import (
     Estimate,
