@@ -185,6 +185,26 @@ def test_sentences_are_told_from_code_lists_and_abbreviated_numbers():
     ]
 
 
+def test_traces_of_the_successor_name_what_is_there():
+    """Each path of a trace exists, and each name of code stands in a file of its line."""
+    source = ROOT / "sdp_vs_penalty"
+    traces = blocks((DOCS / "successor.md").read_text(encoding="utf-8"), "text")[1:]
+    n_names = 0
+    for line in "".join(traces).splitlines():
+        files = list[Path]()
+        for path in re.findall(r"[a-z_]+/(?:[a-z_]+/)*(?:[a-z_]+\.py)?", line):
+            place = source / path
+            assert place.exists(), line
+            files += [place] if place.is_file() else place.rglob("*.py")
+        code = "".join(file.read_text(encoding="utf-8") for file in files)
+        called = re.split(r"  +(?=[a-z_]+/)", re.sub(r"^[|' -]*", "", line))[0]
+        for name in re.findall(r"\b\w*(?:[a-z]_|_[a-z]|[a-z][A-Z]|[A-Z]_)\w*", called):
+            n_names += 1
+            defines = rf"(?:def|class) {name}\b|^{name}: "
+            assert re.search(defines, code, re.MULTILINE), line
+    assert n_names > 30
+
+
 def kinds_of_issues():
     """What `check` may call an issue: the texts that its code gives as kinds."""
     kinds = set()
