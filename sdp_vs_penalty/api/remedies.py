@@ -113,7 +113,8 @@ def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
 
     A run that would have to be recorded is none, nor is a span that could be left out,
     a missing effect or a repair of the log that is only possible, or one where an effect
-    of the arm explains as much: these are the user's to choose.
+    of the arm explains as much: these are the user's to choose. What raises a joint's error
+    is none either.
     """
     for remedy in remedies:
         verb = remedy.change.verb
@@ -121,7 +122,7 @@ def next_remedy(remedies: Sequence[Remedy]) -> Remedy | None:
         asks_for_unit = not all(
             remedy.change.arguments.get("scale", {"": "1"}).values()
         )
-        is_guess = is_guess or remedy.may_be_the_arm
+        is_guess = is_guess or remedy.may_be_the_arm or not remedy.is_advisable
         is_choice = verb in ("record", "cut")
         if not (is_choice or is_guess or asks_for_unit):
             return remedy

@@ -295,39 +295,82 @@ class Offers(Sequence[Remedy]):
         offers += [self.offer_of(group.first) for group in self.groups]
         held_laws = map(self.offer_of_held_law, self.diagnosis.effects)
         offers += [offer for offer in held_laws if offer is not None]
+        # Where all that may be advised raises an error, no trifle stands in for it.
+        nothing_helps = self.harmful is not None
+        offers = [
+            replace(x, is_advisable=not (nothing_helps or self._is_harmful(x)))
+            for x in offers
+        ]
         return tuple({str(offer.change.arguments): offer for offer in offers}.values())
+
+    def _is_harmful(self, offer: Remedy) -> bool:
+        """Whether an offer raises a joint's error on data left out beyond the noise."""
+        outcome = self.outcome_of(offer)
+        return outcome is not None and bool(outcome.rising)
+
+    def _lowers_an_error(self, offer: Remedy) -> bool:
+        """Whether an offer lowers a joint's error on data left out by CHANGES."""
+        outcome = self.outcome_of(offer)
+        return outcome is not None and outcome.falls(outcome.gains_most)
 
     @cached_property
     def main(self) -> Remedy | None:
         """The offer that page, terminal and report advise: of those that raise no joint's
         error beyond its noise the one that leaves the lowest errors; of two that do as
-        much what is sure together, then what is read first. None where nothing helps."""
+        much what is sure together, then what is read first. None where nothing helps, or
+        all of it raises an error (:attr:`harmful`)."""
+        return self._lowest([x for x in self._candidates if not self._is_harmful(x)])
+
+    @property
+    def harmful(self) -> Remedy | None:
+        """What would be advised, but raises a joint's error beyond its noise, where nothing
+        else helps; None where something is advised, or nothing was found."""
+        return self._lowest(self._candidates) if self.main is None else None
+
+    @cached_property
+    def _candidates(self) -> tuple[Remedy, ...]:
+        """What may be advised: what is sure together, what is read first, all that helps;
+        where each of these raises a joint's error any other finding that lowers one and
+        is no guess."""
         if not self.diagnosis.helpful:
-            return None
+            return ()
         main = self.main_finding
         choices = [self._offer_of_sure] if self._sure_together else []
         if main is not None and main.rating not in GUESSES:
             alone, together = self.offer_of(main), self._offer_of_all
             choices += [alone] * (alone.change.words != together.change.words)
+        choices.append(self._offer_of_all)
+        if all(map(self._is_harmful, choices)):
+            others = [self.offer_of(group.first) for group in self.groups]
+            others = [x for x in others if x.certainty not in GUESSES]
+            choices += filter(self._lowers_an_error, others)
+        return tuple(choices)
+
+    def _lowest(self, offers: Sequence[Remedy]) -> Remedy | None:
+        """Return the first of the offers that does as much as the one which leaves the
+        lowest errors; None where their errors were not computed."""
         outcomes = [
             (offer, outcome)
-            for offer in [*choices, self._offer_of_all]
+            for offer in offers
             if (outcome := self.outcome_of(offer)) is not None
         ]
-        harmless = [x for x in outcomes if not x[1].rising] or outcomes
-        _, best = min(harmless, key=lambda x: x[1].size)
-        return next(x for x, outcome in harmless if outcome.does_as_much_as(best))
+        if not outcomes:
+            return None
+        _, best = min(outcomes, key=lambda x: x[1].size)
+        return next(x for x, outcome in outcomes if outcome.does_as_much_as(best))
 
     @property
     def choices(self) -> tuple[Remedy, ...]:
         """What is advised to add, and the other choice beside it: all that helps, or what is
-        read first, with what it needs. Empty where nothing helps."""
+        read first, with what it needs, where that raises no error. Empty where nothing is
+        advised."""
         if self.main is None:
             return ()
         others = [self._offer_of_all]
         if self.main_finding is not None:
             others.append(self.offer_with_companion(self.main_finding))
         others = [x for x in others if x.change.words != self.main.change.words]
+        others = [x for x in others if not self._is_harmful(x)]
         return self.main, *others[:1]
 
     def offer_with_companion(self, finding: Finding) -> Remedy:

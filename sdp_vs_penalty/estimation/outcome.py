@@ -114,5 +114,18 @@ class OfferOutcome:
             texts.append(f"joint {worst}, which errs most, does not gain")
         texts += self.losses({most} if self.falls(most) else {most, worst})
         if self.falls(most) and not self.rising and len(self.before) > 1:
-            texts.append("no joint errs more")
+            texts.append(f"no joint errs more{self._limit_of_rises}")
         return "; ".join(texts)
+
+    @property
+    def _limit_of_rises(self) -> str:
+        """The limit within which the errors rise where none is among :attr:`rising`, as the
+        end of a sentence; "" where none rises at all."""
+        if np.all(self.after <= self.before):
+            return ""
+        is_small = bool(np.all(self.after <= (1.0 + CHANGES) * self.before))
+        return (
+            f" by more than {CHANGES:.0%}".replace("%", " %")
+            if is_small
+            else (" beyond its noise")
+        )

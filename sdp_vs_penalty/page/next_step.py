@@ -43,7 +43,7 @@ from sdp_vs_penalty.page.view import (
     set_aside_in_words,
 )
 from sdp_vs_penalty.render.diagnosis_words import SOME_ERROR_IS_LEFT, main_cause
-from sdp_vs_penalty.render.words import describe_unexplained
+from sdp_vs_penalty.render.words import describe_harm, describe_unexplained
 from sdp_vs_penalty.results.remedy import GUESSES, SURE, Change, Remedy
 
 
@@ -376,10 +376,12 @@ def _of_model(view: View) -> NextStep:
             do = partial(session.start, session.apply, change.to_dict())
             return NextStep(text, label_of(change.words), "check", do, **known)
         said, why = _without_remedy(session, diagnosis)
-        text = f"{of_model.word}. {said}"
-        known["more"] = _sentences(why, more)
+        harm, _, what_may_help = describe_harm(diagnosis).partition(". ")
+        text = _sentences(of_model.word, said, harm)
+        known["more"] = _sentences(what_may_help, why, more)
         known["number"] = f"{headline} Measured {measured_on(session)}."
-        if in_doubt:
+        log_is_in_doubt = any(x.about == LOG for x in session.current.verdict.lines)
+        if in_doubt or (harm and log_is_in_doubt):  # a repair comes first
             known["other"] = _report(view)
             return replace(_settle_doubt(session), text=text, **known)
         if level != "good":

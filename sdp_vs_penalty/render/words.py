@@ -432,7 +432,7 @@ def describe_diagnosis(
         doubts_by_findings.setdefault((*numbers,), []).append(doubt.sentence)
     return DiagnosisWords(
         verdict=diagnosis.headline,
-        advice=advice(diagnosis),
+        advice=describe_harm(diagnosis) or advice(diagnosis),
         findings=tuple(findings),
         shared_doubt=" ".join(
             f"Findings {formatting.words(numbers)}, each: {'; '.join(doubts)}."
@@ -652,6 +652,21 @@ def describe_advice(diagnosis: Diagnosis) -> str:
         return ""
     words = formatting.sentence(offer.change.words)
     return f"{words}: {outcome.in_words(outcome.errs_most)}, on data left out."
+
+
+def describe_harm(diagnosis: Diagnosis) -> str:
+    """Say which errors rise with what was found, where that is why nothing is advised to
+    add; "" else."""
+    offer = diagnosis.offers.harmful
+    outcome = None if offer is None else diagnosis.offers.outcome_of(offer)
+    if offer is None or outcome is None:
+        return ""
+    rises = formatting.words([outcome.share_of(joint) for joint in outcome.rising])
+    what = offer.change.words.removeprefix("add ")
+    return (
+        f"Nothing found is advised to be added: with {what} errors rise on data left out,"
+        f" {rises}. A repair of the log, another motion or a measured curve may help."
+    )
 
 
 #: Files that a controller or a simulator takes, as people call them.

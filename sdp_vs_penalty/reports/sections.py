@@ -475,7 +475,8 @@ def findings(data: ReportData) -> Context:
     # "All that helps" may be a single finding: its remedy is then listed once.
     remedies = dict[str, Remedy]()
     for remedy in diagnosis.remedies:
-        remedies.setdefault(remedy.change.words, remedy)
+        if remedy.is_advisable:
+            remedies.setdefault(remedy.change.words, remedy)
     return {
         "words": described,
         "cards": cards,

@@ -94,6 +94,9 @@ class Remedy(JsonRecord):
     probability: float | None = None
     #: Whether an effect of the arm explains as much: the log may be right.
     may_be_the_arm: bool = False
+    #: Whether the errors on data left out leave it a next step: it raises none beyond the
+    #: noise.
+    is_advisable: bool = True
 
 
 def one_of_rivals(remedies: Iterable[Remedy]) -> list[Remedy]:

@@ -9,6 +9,7 @@ import pytest
 
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.api.diagnosis import _beside_check
+from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.checks.certainty import likely
 from sdp_vs_penalty.checks.issue import make_explanation
 from sdp_vs_penalty.data import datasets
@@ -30,7 +31,11 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.effects.written import read_effect
 from sdp_vs_penalty.estimation import ShapeEstimate
 from sdp_vs_penalty.render.diagnosis_words import helped_by, main_cause, place_in_files
-from sdp_vs_penalty.render.words import describe_diagnosis, errors_that_rise
+from sdp_vs_penalty.render.words import (
+    describe_advice,
+    describe_diagnosis,
+    errors_that_rise,
+)
 from sdp_vs_penalty.results import Certainty
 from sdp_vs_penalty.signals import REPETITION
 
@@ -277,6 +282,32 @@ def test_what_is_advised_harms_no_joint_and_leaves_the_lowest_errors():
     assert advised(half + harm, better) == "helpful"
     assert advised(half, better + harm) == [1]
     assert advised(half, half) == [1]
+
+
+def test_nothing_is_advised_where_all_that_was_found_raises_an_error():
+    """Terminal and report say which errors rise, and no command adds it; a finding that
+    harms nothing and helps is advised alone."""
+    tie = finding("joint_spring", 1, "backlash")
+    other = finding("backlash", 2, "joint_spring")
+    harm = np.full(7, 3.0)
+    harm[[0, 4]] = 1.0, 6.0
+    errors = {(x.text,): harm for x in (tie, other)}
+    errors[(tie.text, other.text)] = harm
+    found = diagnosis(tie, other, before=3.0).with_errors(errors)
+    assert found.offers.main is None
+    assert found.offers.choices == ()
+    assert not any(offer.is_advisable for offer in found.offers)
+    assert next_remedy(found.remedies) is None
+    assert describe_advice(found) == ""
+    words = describe_diagnosis(found, ["N m"] * 7)
+    assert "Nothing found is advised to be added" in words.advice
+    assert "joint 5's +100 %" in words.advice
+    lower = np.full(7, 3.0)
+    lower[1] = 1.0
+    helped = found.with_errors({**errors, (other.text,): lower})
+    assert helped.offers.main.change.arguments["effects"] == [other.text]
+    assert next_remedy(helped.remedies) == helped.offers.main
+    assert helped.offers.choices == (helped.offers.main,)
 
 
 def test_what_is_sure_is_added_together():

@@ -26,3 +26,12 @@ def test_a_joint_that_stays_does_not_gain():
     assert "joint 1, which errs most, does not gain" in (
         outcome([1.0, 0.5], [1.0, 0.25]).in_words(1)
     )
+
+
+def test_no_rise_is_denied_beside_one():
+    """Up to 5 %, or below the noise, a rise is none that counts: the limit is said."""
+    assert outcome([1.0, 0.5], [0.5, 0.5]).in_words(1).endswith("; no joint errs more")
+    small = outcome([1.0, 0.5], [0.5, 0.51]).in_words(1)
+    assert small.endswith("; no joint errs more by more than 5 %")
+    below = outcome([1.0, 0.005], [0.5, 0.008]).in_words(1)
+    assert below.endswith("; no joint errs more beyond its noise")

@@ -67,7 +67,8 @@ def models(view: View) -> None:
     torque = history[-1].comparison["torque_rms"]
     colours: dict[str, Any] = {}
     if (diagnosis := session.findings_of_current) is not None:
-        choices = diagnosis.offers.choices or diagnosis.offers[:1]
+        offers = [x for x in diagnosis.offers if x.is_advisable]
+        choices = diagnosis.offers.choices or offers[:1]
         before = diagnosis.held_out_rmse_before
         after, other = [*(choice.after for choice in choices), None, None][:2]
         if other is not None:
