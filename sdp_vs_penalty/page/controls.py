@@ -127,11 +127,13 @@ def text_field(
     do: Callable[[str], Any],
     key: str,
     example: str = "",
+    enter: Callable[[], Any] | None = None,
     **how: Any,
 ) -> None:
     """Draw a labelled text field; ``do`` gets the new text.
 
-    how : attributes of the <input>, and ``style``, the CSS classes of the label.
+    enter : what the Enter key does, after ``do``; how : attributes of the <input>, and
+    ``style``, the CSS classes of the label.
     """
     with tag("label", style=how.pop("style", "field")):
         tag("span", label)
@@ -143,6 +145,11 @@ def text_field(
             **{"type": "text", **how},
         )
         changing(field, do)
+        if enter is not None:
+            pressed = "(e) => { if (e.key === 'Enter') emit(e.target.value) }"
+            field.on(
+                "keydown", lambda e: (do(str(e.args)), enter()), js_handler=pressed
+            )
 
 
 def sketch(drawn: Mapping[str, Any]) -> None:

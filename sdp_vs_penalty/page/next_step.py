@@ -27,6 +27,7 @@ from sdp_vs_penalty.page.models import MOTION
 from sdp_vs_penalty.page.run_issues import asks_for_unit, is_of_all_torques, is_refused
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import label_of, repairs_in_words, spoken
+from sdp_vs_penalty.page.unit_form import NAME_UNIT
 from sdp_vs_penalty.page.view import (
     StageVerdict,
     View,
@@ -293,14 +294,13 @@ def _unit(session: Session, level: str) -> NextStep:
 def _settle_doubt(session: Session) -> NextStep:
     """Return the step that settles what is in doubt of the log."""
     if session.is_unit_open or session.has_gains_by_size:
-        label = "Say the unit, or the drive gains"
-        return replace(_name_unit(session), label=label)
+        return replace(_name_unit(session), label=NAME_UNIT)
     return NextStep("", "See what Check says", "check", session.see_issues)
 
 
 def _name_unit(session: Session) -> NextStep:
     """Return the second choice to name the unit of all torques in the fields of Check."""
-    label = "Or say the unit, or the drive gains"
+    label = f"Or {NAME_UNIT[0].lower()}{NAME_UNIT[1:]}"
     return NextStep("", label, "check", opens=_question_of_unit(session)[1])
 
 

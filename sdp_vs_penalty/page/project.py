@@ -17,6 +17,7 @@ from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.files import require_format, write_text
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.spoken import name_beside, spoken
+from sdp_vs_penalty.page.unit_form import UnitForm
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.records import JsonRecord, from_json, to_json
 from sdp_vs_penalty.results.issue import StoredIssue
@@ -199,6 +200,8 @@ class ProjectState:
     names: dict[str, str] = field(default_factory=dict)
     #: Names of the files that were downloaded.
     taken: set[str] = field(default_factory=set)
+    #: What is typed in the forms of units, by robot and channel.
+    unit_forms: dict[tuple[str, str], UnitForm] = field(default_factory=dict)
     #: The coroutine that runs a job; None while idle.
     task: asyncio.Task[None] | None = None
     #: What is said to the person; None for nothing.

@@ -1,6 +1,7 @@
 """A tab's robot and runs: how they come, and what each is used for."""
 
 import json
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -8,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.formats import FILE_SEPARATOR, suffixes
 from sdp_vs_penalty.data.measurements import UNNAMED_UNIT
@@ -396,6 +398,17 @@ class RobotAndRuns(RunIssues):
         none of another robot."""
         gains = (self.robot["data"] or {}).get("drive_gains") or ()
         return [f"{gain:g}" for gain in gains]
+
+    @property
+    def gains_of_namesake(self) -> tuple[str, list[str]]:
+        """The data set whose robot has the name of this one, and the drive gains of its
+        joints [N m per A] that it publishes; "", [] without one."""
+        words = re.split(r"[^a-z0-9]+", self.robot["name"].lower())
+        for known in DATASETS.values():
+            if known.name in words and len(known.drive_gains) == self.robot["n"]:
+                title = known.title.strip().partition(",")[0]
+                return title, [f"{gain:g}" for gain in known.drive_gains]
+        return "", []
 
     @property
     def refused(self) -> list[dict[str, Any]]:

@@ -50,6 +50,7 @@ from sdp_vs_penalty.page import sessions as tabs
 from sdp_vs_penalty.page.job_queue import Working
 from sdp_vs_penalty.page.next_step import _to_add, next_step
 from sdp_vs_penalty.page.project import TrialOutcome, TriedRemedy
+from sdp_vs_penalty.page.unit_form import NAME_UNIT
 from sdp_vs_penalty.page.view import changes_of_data_in_words, checked
 from sdp_vs_penalty.render.diagnosis_words import gain_sentence
 from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
@@ -1835,6 +1836,47 @@ def test_currents_become_torques_by_one_click(in_amperes):
     np.testing.assert_allclose(taken, gains, rtol=0.05)
     assert not session.is_unit_open
     assert "gains that fit the robot's masses" in session.repairs[-1][0]
+
+
+def test_a_wrong_list_of_gains_stays_and_says_what_is_wrong_before_a_job(in_amperes):
+    """It was thrown away, and a job answered in the words of the terminal; Enter did
+    nothing. Bar and button say the same, and the form has one button that stands out."""
+    session, _ = in_amperes
+    screen = Screen(session)
+    field = next(k for k in screen.keys if k.endswith("-gains"))
+    button = field.removesuffix("-gains")
+    assert screen.at(button).text == NAME_UNIT == next_step(screen.view).label
+    assert "quiet" in screen.at(f"{button}-as-is").classes
+
+    def type_and_enter(typed):
+        screen.hear(screen.at(field), "keydown", typed)
+
+    for typed, wrong in (
+        ("", "Type the gains, or choose a unit."),
+        ("9, 9", "2 of 3 gains: joint 3 is missing."),
+        ("9, 9, x7", "Gain 3 is “x7”: type a number but zero."),
+    ):
+        type_and_enter(typed)
+        assert wrong in screen.text("check")
+        assert not session.repairs
+        assert session.notice is None
+        session.changed()
+        assert session.unit_forms[session.robot_word, "tau"].gains == typed
+    type_and_enter("9 9 7")
+    (change,) = (change for _, _, change in session.repairs)
+    assert change["arguments"]["scale"] == {"tau": "9:9:7"}
+
+
+def test_published_gains_are_offered_to_a_namesake_with_their_owner(in_amperes):
+    """Not filled in: another arm of that name has drives of its own."""
+    session, _ = in_amperes
+    assert session.gains_of_namesake == ("", [])
+    session.robot |= {"name": "ur10e_robot", "n": 6}
+    owner, gains = session.gains_of_namesake
+    assert (owner, gains[:3]) == ("Universal Robots UR10e", ["10", "10.7", "8.46"])
+    assert session.published_gains == []
+    session.robot |= {"n": 7}
+    assert session.gains_of_namesake == ("", [])
 
 
 @pytest.mark.long

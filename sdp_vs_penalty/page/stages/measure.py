@@ -1,8 +1,8 @@
 """Measure: which robot, and which measurements. Check: what they look like, and what
 the check says."""
 
-import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
@@ -19,10 +19,15 @@ from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import ArmScene, chart_and_arm
 from sdp_vs_penalty.page.charts import clock_in_words, data_chart
 from sdp_vs_penalty.page.repairs import ANGLES, UNITS
-from sdp_vs_penalty.page.run_issues import asks_for_unit, is_unit_asked
+from sdp_vs_penalty.page.run_issues import (
+    asks_for_unit,
+    is_of_all_torques,
+    is_unit_asked,
+)
 from sdp_vs_penalty.page.runs import ENDINGS
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import label_of, name_in_title, spoken
+from sdp_vs_penalty.page.unit_form import NAME_UNIT, UnitForm
 from sdp_vs_penalty.page.view import (
     PagePart,
     Project,
@@ -618,51 +623,74 @@ def _change(view: View, made: Change, key: str) -> None:
         label = label_of_motion(change)
         do = partial(session.start, session.make_motion, change, view.download)
     elif asked:
-        scale = {asked[0]: ""}
-        filled = {**change, "arguments": {**change["arguments"], "scale": scale}}
-        _unit_fields(session, scale, key)
-        do = partial(session.start, session.read_in_unit, filled)
+        if is_of_all_torques(made):
+            label = NAME_UNIT
+        do = _unit_fields(session, change, asked[0], key)
     draw.button(label, do, key)
     waiting = [x for x in session.runs if x["use"] == "wait" and asks_for_unit(x)]
     if asked and waiting:
         leave = partial(session.start, session.leave_as_read, waiting[0])
-        draw.button("Leave it as it is", leave, f"{key}-as-is")
+        draw.button("Leave it as it is", leave, f"{key}-as-is", "quiet")
     elif asked == ["tau"] and session.model is None and session.is_unit_open:
         identify = partial(session.start, session.identify_without_units)
-        draw.button("Identify without units", identify, f"{key}-as-is")
+        draw.button("Identify without units", identify, f"{key}-as-is", "quiet")
     if outcome := session.outcome_of(made):
         draw.note(outcome.sentence)
 
 
-def _unit_fields(session: Session, scale: dict[str, str], key: str) -> None:
+def _unit_fields(
+    session: Session, change: Mapping[str, Any], channel: str, key: str
+) -> draw.Handler:
     """Draw a choice of units for a torque channel or positions, and a field for the
-    joints' drive gains, filled in where they are published, or for their factors;
-    ``scale`` is kept up to date.
+    joints' drive gains, filled in where they are published, or for their factors. Return
+    what reads the channel so; where that cannot be, it says why at the field.
 
-    scale : how the channel is read, by its name, as `convert --scale` takes it.
+    change : the change that reads it; channel : its name, as `convert --scale` takes it.
     """
-    (channel,) = scale
     is_torque = group_of(channel) == "tau"
     gains = session.published_gains if is_torque else []
+    owner, of_namesake = session.gains_of_namesake if is_torque else ("", [])
     examples = _gains_offered(session) or ["10"] * session.robot["n"]
     if place := channel.removeprefix(group_of(channel)):  # of one joint
-        gains, examples = (["", *x][int(place) :][:1] for x in (gains, examples))
-    chosen = {"unit": "", "gains": ", ".join(gains)}
+        gains, of_namesake, examples = (
+            ["", *x][int(place) :][:1] for x in (gains, of_namesake, examples)
+        )
+    by, unit = ("gain", "N m/A") if is_torque else ("factor", "to rad, m")
+    empty = UnitForm(len(examples), by, ", ".join(gains))
+    form = session.unit_forms.setdefault((session.robot_word, channel), empty)
 
-    def put(what: str, text: str) -> None:
-        chosen[what] = text
-        listed = ":".join(re.split(r"[\s,;:]+", chosen["gains"].strip()))
-        scale[channel] = chosen["unit"] or listed
+    def read() -> None:
+        """Read the channel as the form says, or say what is wrong with that."""
+        problem.text = form.problem
+        problem.set_visibility(bool(form.problem))
+        if not form.problem:
+            scale = {channel: form.scale}
+            filled = {**change, "arguments": {**change["arguments"], "scale": scale}}
+            session.start(session.read_in_unit, filled)
 
-    put("unit", "")
-    by, unit = ("drive gain", "N m/A") if is_torque else ("factor", "to rad, m")
-    options = [("", f"{by}s"), *(UNITS if is_torque else ANGLES).items()]
+    called = f"drive {by}" if is_torque else by
+    options = [("", f"{called}s"), *(UNITS if is_torque else ANGLES).items()]
     with draw.tag("div", style="fields"):
-        draw.choice("Read it by", options, "", partial(put, "unit"), f"{key}-unit")
-        label = f"{formatting.count(len(examples), by)} [{unit}], in order"
+        put = partial(partial, setattr, form)
+        draw.choice("Read it by", options, form.unit, put("unit"), f"{key}-unit")
+        label = f"{formatting.count(len(examples), called)} [{unit}], in order"
         example = f"e.g. {', '.join(examples)}"
-        put_gains = partial(put, "gains")
-        draw.text_field(label, chosen["gains"], put_gains, f"{key}-gains", example)
+        typed = f"{key}-gains"
+        draw.text_field(label, form.gains, put("gains"), typed, example, enter=read)
+    problem = draw.tag("p", "", "finding", role="alert")
+    problem.set_visibility(False)
+    if of_namesake:
+        listed = ", ".join(of_namesake)
+        draw.note(f"Published, of another arm of this name: {listed} N m/A ({owner}).")
+
+        def take_published() -> None:
+            """Read the torque by the gains that are published."""
+            form.unit, form.gains = "", listed
+            read()
+
+        words, published = "Use the published gains", f"{key}-published"
+        draw.button(words, take_published, published, "quiet")
+    return read
 
 
 def _gains_offered(session: Session) -> list[str]:
