@@ -314,14 +314,13 @@ def _with_range_error(
 def _explanations_of_positions(
     problem: Problem, report: Report, issues: Sequence[Issue]
 ) -> list[Issue]:
-    """List the explanations of positions (an order, a sign, a zero) that make them
-    possible for the robot; none where the repaired run is as impossible."""
+    """List the explanations whose repairs change positions and make them possible for the
+    robot; none where the repaired run is as impossible."""
     try:
         check_plausible(problem.robot, report.repaired_all)
     except InputError:
         return []
-    of_positions = "order:q", "order:joint", "sign:q", "sign:joint", "zero:q", "scale:q"
-    return [f for f in issues if f.apply.startswith(of_positions)]
+    return [f for f in issues if f.apply and f.changes_positions]
 
 
 def judge_excitation(problem: Problem, report: Report) -> Report:

@@ -208,6 +208,8 @@ def _of_fault(
         is_of_columns=fault.is_of_columns,
         is_gain=fault.is_gain,
         apply=fault.apply if is_repaired else "",
+        changes_positions=fault.changes_positions,
+        changes_order=fault.changes_order,
         equivalents=tuple(as_likely),
         rivals=tuple(of_rivals),
     )
@@ -251,7 +253,12 @@ def _of_rival(
     )
     if all(x.apply for x in faults):
         repair = keep_only(log, rival.fit.transform, faults).apply
-        return replace(issue, repair=repair, apply=" ".join(x.apply for x in faults))
+        return replace(
+            issue,
+            repair=repair,
+            apply=" ".join(x.apply for x in faults),
+            changes_order=any(x.changes_order for x in faults),
+        )
     return replace(issue, gravity=faults[0].gravity) if len(faults) == 1 else issue
 
 
@@ -315,7 +322,7 @@ def issue_of_difference(
     is_gain = h.number is not None and h.number.is_gain
     if is_gain:  # by how much the torque is larger there
         size = float(np.exp(-size)) - 1.0
-    apply, heading, fault = "", "", None
+    heading, fault, only_fault = "", None, None
     if h.arm_difference is not None:
         heading = f"{h.kind} than in the other runs"
         what, remedy = _DIFFERENCES[h.arm_difference]
@@ -338,7 +345,7 @@ def issue_of_difference(
         faults = list_faults(log, repair)
         what = f"in {name} only: {' '.join(fault.what for fault in faults)}"
         remedy = f"{', '.join(fault.remedy for fault in faults)} in this run"
-        apply = faults[0].apply if len(faults) == 1 else ""
+        only_fault = faults[0] if len(faults) == 1 else None
         fault = next((fault for fault in faults if fault.kind == h.kind), None)
     of_positions = None if fault is None else fault.of_positions
     rivals = _rivals_of(claim)
@@ -346,7 +353,7 @@ def issue_of_difference(
         # A load is put on anew from run to run, and a zero is not set.
         rivals.insert(0, "what that joint carries, turned as much about its axis")
     if repair is not None and any(repair_of(rival) is None for rival in claim.rivals):
-        repair, apply, remedy = None, "", "identify the runs apart"
+        repair, only_fault, remedy = None, None, "identify the runs apart"
     return _of_claim(
         claim,
         rivals,
@@ -360,7 +367,9 @@ def issue_of_difference(
         what=what,
         remedy=remedy,
         repair=None if repair is None else repair.apply,
-        apply=apply,
+        apply="" if only_fault is None else only_fault.apply,
+        changes_positions=only_fault is not None and only_fault.changes_positions,
+        changes_order=only_fault is not None and only_fault.changes_order,
         position_unit=h.position_unit,
         is_gain=is_gain,
         is_another_arm=h.arm_difference is not None,

@@ -212,11 +212,11 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
         if chosen is not None and (chosen is issue or chosen.apply not in done):
             named.append(chosen)
     run = report.repaired_unasked
-    for issue in sorted(named, key=lambda f: not f.apply.startswith("order:")):
+    for issue in sorted(named, key=lambda f: not f.changes_order):
         assert issue.repair is not None
         run = issue.repair(run)
-    if any(f.kind == "velocity unit" for f in report.issues):
-        run = replace(run, dq=None)  # in another unit than the positions
+    if any(f.is_velocity_unusable for f in report.issues):
+        run = replace(run, dq=None)
     return run, [*facts, *named]
 
 

@@ -90,6 +90,12 @@ class Issue(IssueInWords, WritesJson):
     explains_joints: bool = field(default=False, metadata=NOT_STORED)
     #: What of the arm is another one in this run; None for an issue about the log.
     arm_difference: ArmDifference | None = field(default=None, metadata=NOT_STORED)
+    #: Whether its repair changes positions.
+    changes_positions: bool = field(default=False, metadata=NOT_STORED)
+    #: Whether its repair gives joints other channels, to which other repairs then refer.
+    changes_order: bool = field(default=False, metadata=NOT_STORED)
+    #: Whether logged velocities are in a unit that repaired positions do not have.
+    is_velocity_unusable: bool = field(default=False, metadata=NOT_STORED)
     #: What is left to be judged beside it.
     left: Left = field(default=Left.ALL, metadata=NOT_STORED)
     #: Word of `check --fix --apply` for the repair.
@@ -233,6 +239,9 @@ def make_issue(
     apply: str = "",
     changes: Sequence[Change] = (),
     cause: str = "",
+    changes_positions: bool = False,
+    changes_order: bool = False,
+    is_velocity_unusable: bool = False,
     left: Left = Left.ALL,
     position_unit: str | None = None,
     is_gain: bool = False,
@@ -256,7 +265,8 @@ def make_issue(
 
     Parameters
     ----------
-    kind, what, severity, certainty, repair, nature, apply, changes, left
+    kind, what, severity, certainty, repair, nature, apply, changes, left,
+    changes_positions, changes_order, is_velocity_unusable
         As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
     remedy : str
         What to do, in one sentence.
@@ -303,6 +313,9 @@ def make_issue(
         probability=probability,
         numbers=numbers,
         nature=nature,
+        changes_positions=changes_positions,
+        changes_order=changes_order,
+        is_velocity_unusable=is_velocity_unusable,
         left=left,
         position_unit=position_unit,
         is_gain=is_gain,

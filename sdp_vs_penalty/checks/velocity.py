@@ -147,6 +147,7 @@ def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
         what=f"the logged velocities are in {of_velocity}{beside}: {ratio:.4g} times the"
         " derivative of the position.",
         certainty=READ if odds > CERTAIN else of_odds,
+        is_velocity_unusable=True,
         factor=ratio,
     )
 

@@ -305,6 +305,12 @@ class LogTransform:
         """(n,) factor of each joint's logged torque."""
         return np.array(self.gain) / np.array(self.ratio)
 
+    @property
+    def changes_shape(self) -> bool:
+        """Whether :meth:`torques` needs channels at other instants, or their rates and
+        largest readings: a fault of time or shape, beside factors and limits."""
+        return any((*self.lead, *self.lag, *self.bend))
+
     def torques(
         self, channels: Array, rates: Array | None = None, largest: Array | None = None
     ) -> Array:

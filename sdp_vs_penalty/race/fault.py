@@ -121,6 +121,16 @@ class Fault:
         return self.number is not None and self.number.is_gain
 
     @property
+    def changes_positions(self) -> bool:
+        """Whether its repair changes positions."""
+        return self.repaired_by is not None and self.repaired_by[1] in ("q", "joint")
+
+    @property
+    def changes_order(self) -> bool:
+        """Whether its repair gives joints other channels."""
+        return self.repaired_by is not None and self.repaired_by[0] == "order"
+
+    @property
     def sentence(self) -> str:
         """What is wrong, by the clock of all runs together."""
         return self.what.format(t=self.at)

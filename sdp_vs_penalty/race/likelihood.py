@@ -175,7 +175,7 @@ class Likelihood:
         slide [N m or N]; see :meth:`channels`.
         """
         order = list(transform.tau_order)
-        if not any((*transform.lead, *transform.lag, *transform.bend)):
+        if not transform.changes_shape:
             # Most transforms leave time and shape of the channels as they are.
             return transform.torques(self.channels_at(0.0)[0].T[order])
         pairs = [self.channels_at(lead) for lead in transform.lead]

@@ -228,6 +228,11 @@ class _Screened(NamedTuple):
     #: Change of its size to first order; 0 where it has none, or is at its size.
     step: float = 0.0
 
+    @property
+    def suggests_patterns(self) -> bool:
+        """Whether several joints may have a mistake that one seems to have."""
+        return self.hypothesis.suggests_patterns and self.log_odds > c.WORTH_A_LOOK
+
 
 class _FoundSize(NamedTuple):
     """The best size of a hypothesis."""
@@ -479,9 +484,9 @@ class Race:
         about_all_rows = _propose(self.kinds, self.all_rows, fit)
         proposed = [*about_all_rows, *self._propose_for_parts(about_all_rows, fit)]
         screened = self._screen_on_few_rows(proposed, fit, few_fit, max_rise)
-        if not fit.may_be_rearranged and any(map(_is_sign_of_a_joint, screened)):
-            # Several joints may count the other way, if one seems to.
-            several = [*sign.patterns(self.all_rows, fit, "joint sign")]
+        suggesting = [x.hypothesis.kind for x in screened if x.suggests_patterns]
+        if suggesting and not fit.may_be_rearranged:
+            several = [*sign.patterns(self.all_rows, fit, suggesting[0])]
             screened += self._screen_on_few_rows(several, fit, few_fit, max_rise)
         for distances in of_one_part.NEARER:
             screened += self._screen_near_likeliest_onset(
@@ -827,12 +832,6 @@ def _propose(
 ) -> list[Hypothesis]:
     """List what each kind of fault proposes beside an incumbent's fit."""
     return [x for kind in kinds for x in kind.propose(evidence, fit)]
-
-
-def _is_sign_of_a_joint(entry: _Screened) -> bool:
-    """Whether a joint seems to count the other way, by the few rows."""
-    is_sign = entry.hypothesis.kind == "joint sign"
-    return is_sign and entry.log_odds > c.WORTH_A_LOOK
 
 
 def _best_of_each_key(screened: Sequence[_Screened]) -> list[_Screened]:

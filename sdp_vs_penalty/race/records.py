@@ -236,6 +236,9 @@ class Hypothesis:
     is_usual: bool = False
     #: Unit that positions are in, as its fault has it.
     position_unit: str | None = None
+    #: Whether other joints may have the same mistake: patterns of several are tried too,
+    #: where it seems likely of one.
+    suggests_patterns: bool = False
     #: What of the arm is another one in its part; None for a fault of the log.
     arm_difference: ArmDifference | None = None
 

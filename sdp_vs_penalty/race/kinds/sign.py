@@ -59,7 +59,11 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
             # The torque of an only joint is all torques.
             is_tried = n > 1 if kind == "torque sign" else is_poor
             if is_tried:
-                yield Hypothesis(kind, (j,), prior, with_signs(current, kind, (j,)))
+                turned_joint = with_signs(current, kind, (j,))
+                is_of_joint = kind == "joint sign"
+                yield Hypothesis(
+                    kind, (j,), prior, turned_joint, suggests_patterns=is_of_joint
+                )
     if fit.friction_evidence <= _FRICTION_DRIVES:
         yield from patterns(evidence, fit, "torque sign")
     if fit.may_be_rearranged:
