@@ -16,7 +16,7 @@ from sdp_vs_penalty import check, load_problem
 from sdp_vs_penalty.race import Hypothesis, Likelihood, Number, Part, Race
 from sdp_vs_penalty.race.chain import ENTRIES, LogEvent, LogTransform
 from sdp_vs_penalty.race.evidence import Evidence
-from sdp_vs_penalty.race.kinds import KINDS, mounting, several_joints
+from sdp_vs_penalty.race.kinds import KINDS, list_faults, mounting, several_joints
 from sdp_vs_penalty.race.race import HeldRaces
 from sdp_vs_penalty.race.records import ExtraTorque, LogView
 from sdp_vs_penalty.race.rows import ROTOR, RegressionData
@@ -82,6 +82,29 @@ def test_the_same_rows_of_one_robot_race_once():
     flipped = scaled(RUN, (1.0, -1.0))
     (claim,) = races.hold([rows_of(flipped)], KINDS, False).claims
     assert claim.hypothesis.kind == "torque sign"
+
+
+@pytest.mark.parametrize(
+    ("field", "entries", "is_order"),
+    [
+        ("order", (1, 0), True),
+        ("tau_order", (1, 0), True),
+        ("scale", (-1.0, 1.0), False),
+        ("zero", (0.3, 0.0), False),
+        ("ratio", (1.0, 1.5), False),
+        ("carried", (0.0, 1.0), False),
+        ("gain", (1.0, 2.0), False),
+        ("rate", 1.1, False),
+    ],
+)
+def test_a_fault_says_what_its_repair_changes(field, entries, is_order):
+    """What it says of positions is what the repair of a run does to them."""
+    log = rows_of(RUN)
+    changed = replace(log.as_logged, **{field: entries})
+    (fault,) = list_faults(log, changed)
+    is_moved = not np.array_equal(changed.apply(RUN).q, RUN.q)
+    assert fault.changes_positions == is_moved
+    assert fault.changes_order == is_order
 
 
 def test_a_clean_log_has_nothing_wrong():
