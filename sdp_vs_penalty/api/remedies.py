@@ -183,8 +183,8 @@ def _in_other_units(change: Change, state: State) -> State:
         for run in state.runs
     ]
     if "tau" in unit_by_column:
-        # Whether factors of torque channels are judged by their size from now on.
-        by_size = bool(arguments.get("by_size"))
+        # Factors of torque channels that are judged by their size, from now on.
+        by_size = arguments.get("by_size", "")
         runs = [replace(run, gains_by_size=by_size) for run in runs]
     return replace(state, runs=tuple(runs))
 

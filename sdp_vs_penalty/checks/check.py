@@ -246,7 +246,7 @@ def _facts_of(problem: Problem, run: Measurements, only_sure: bool = False) -> R
             issues += magnitude.find_magnitudes(glance)
             issues += magnitude.find_model_torques(glance)
             if work.gains_by_size:
-                issues.append(gains_are_by_size())
+                issues.append(gains_are_by_size(work.gains_by_size))
             if not work.is_unit_stated:
                 issues += channels.find_torques_in_counts(glance)
         if left_to_judge(issues) > Left.FACTS:

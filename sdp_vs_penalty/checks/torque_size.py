@@ -296,10 +296,19 @@ def gains_by_size(
         return ()
     gains = np.empty(log.n)
     gains[list(repair.tau_order)] = size * np.abs(repair.torque_factors)
-    factors = ":".join(f"{gain:.3g}" for gain in gains)
-    words = "multiply tau by gains that fit the robot's masses"
-    arguments = {"scale": {"tau": factors}, "by_size": True}
+    texts = [f"{gain:.3g}" for gain in gains]
+    listed = formatting.words(texts if len({*texts}) > 1 else texts[:1])
+    factors = f"{listed} {_unit_of_gains(problem, unit)}"
+    words = f"multiply tau by {factors} (estimated from the robot's masses)"
+    arguments = {"scale": {"tau": ":".join(texts)}, "by_size": factors}
     return (Change("read", words, arguments),)
+
+
+def _unit_of_gains(problem: Problem, unit: str) -> str:
+    """Return the unit of drive gains which make torques of columns in ``unit``."""
+    is_slide = [joint.kind == "prismatic" for joint in problem.robot.joints]
+    units = ["N" if slides else "N m" for slides in is_slide]
+    return f"{' or '.join(dict.fromkeys(units))} per {unit or 'A'}"
 
 
 def _by_masses(problem: Problem, changes: Sequence[Change], unit: str = "A") -> str:
@@ -308,9 +317,7 @@ def _by_masses(problem: Problem, changes: Sequence[Change], unit: str = "A") -> 
     if not changes:
         return ""
     factors = changes[0].arguments["scale"]["tau"].split(":")
-    is_slide = [joint.kind == "prismatic" for joint in problem.robot.joints]
-    units = ["N" if slides else "N m" for slides in is_slide]
-    per = f"{' or '.join(dict.fromkeys(units))} per {unit}"
+    per = _unit_of_gains(problem, unit)
     return (
         "; where these are unknown, by gains that fit the robot's masses, about"
         f" {_gains_in_words([*map(float, factors)], per)}: the model's kilograms are then"
@@ -339,13 +346,15 @@ def _gains_in_words(gains: Sequence[float], per: str) -> str:
     return f"{usual} {per}, one for all joints but {joints} ({sizes}, by the torques' {ratio})"
 
 
-def gains_are_by_size() -> Issue:
-    """Return the warning about a run whose torques are in N m by :func:`gains_by_size`."""
+def gains_are_by_size(gains: str) -> Issue:
+    """Return the warning about a run whose torques are in N m by :func:`gains_by_size`,
+    with the gains in words."""
+    of_masses = "no surer than the masses of the robot file"
+    multiplied = f"multiplied by {gains}, estimated from these"
     return make_explanation(
         kind="gains by size",
-        heading="N m are no surer than the masses of the robot file (the gains are judged"
-        " by size)",
-        in_doubt="N m, no surer than the masses of the robot file",
+        heading=f"N m are {of_masses} ({multiplied})",
+        in_doubt=f"N m, {of_masses} ({multiplied})",
         what="nobody has stated the drive gains.",
         certainty=stated("the gains were taken from the robot's masses"),
         remedy="type the drive gains if you know them",

@@ -100,9 +100,9 @@ class Measurements(Shown):
     recorders : tuple of Recorder
         What the arm's torques have told of the logs, of each once: unit of q, order of
         columns, sign bits.
-    gains_by_size : bool
-        Whether ``tau`` is in N m by gains that fit the robot's masses, and that nobody has
-        stated.
+    gains_by_size : str
+        The gains, in words, by which ``tau`` is in N m where they fit the robot's masses,
+        and nobody has stated them; else "".
     file_rows : (N,) array of int, optional
         Number in its file of each sample's row; default: sample k, from 0, is row k + 2.
     episode : (N,) array of int, optional
@@ -124,7 +124,7 @@ class Measurements(Shown):
     reading: str = ""
     unit_command: str = ""
     recorders: tuple[Recorder, ...] = ()
-    gains_by_size: bool = False
+    gains_by_size: str = ""
     file_rows: NDArray[np.int64] | None = None
     episode: NDArray[np.int64] | None = None
     #: Recordings that these samples are windows of; none: they are a whole recording. A
@@ -536,7 +536,7 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         reading=" ".join(sentences),
         unit_command=asked,
         recorders=tuple(dict.fromkeys(x for run in several for x in run.recorders)),
-        gains_by_size=any(run.gains_by_size for run in runs),
+        gains_by_size=next(filter(None, (x.gains_by_size for x in runs)), ""),
     )
     if not any(part._cut_from for part in several):
         return together

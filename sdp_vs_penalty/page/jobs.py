@@ -198,7 +198,7 @@ class JobRequest(dict[str, Any]):
                 names=(run["name"],),
                 # Older projects have neither.
                 torque_unit=run.get("torque_unit", ""),
-                gains_by_size=bool(run.get("gains_by_size")),
+                gains_by_size=str(run.get("gains_by_size") or ""),
             )
             for run in runs
         ]
@@ -369,7 +369,7 @@ def read(job: JobRequest) -> Answer:
             remarks += filter(None, map(_news_of, reading.remarks))
             if "scale" in how:
                 remarks.append(f"{name}: read in the units of runs like it.")
-            by_size = "scale" in how and _has_gains_by_size(job, names)
+            by_size = _gains_by_size(job, names) if "scale" in how else ""
             part = replace(part, names=(name,), gains_by_size=by_size)
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
@@ -519,12 +519,11 @@ def _kept_of(run: Mapping[str, Any]) -> Answer:
     }
 
 
-def _has_gains_by_size(job: JobRequest, columns: Sequence[str]) -> bool:
-    """Whether runs with these columns are read by gains that nobody has stated."""
-    return any(
-        run.get("gains_by_size") and run.get("columns") == columns
-        for run in job["runs"]
-    )
+def _gains_by_size(job: JobRequest, columns: Sequence[str]) -> str:
+    """Return the gains that nobody has stated, in words, by which runs with these columns
+    are read; "" without any."""
+    same = (run for run in job["runs"] if run.get("columns") == columns)
+    return next(filter(None, (run.get("gains_by_size", "") for run in same)), "")
 
 
 def _holding(state: State, positions: dict[str, float], remarks: list[str]) -> State:

@@ -223,7 +223,7 @@ def _of_runs(session: Session) -> NextStep:
         other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
         return replace(_as_logged(session, text), other=other, **said)
     if change.arguments.get("by_size"):  # a guess: what a person knows comes first
-        guess = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
+        guess = NextStep("", label, "check", do)
         typed = replace(_settle_doubt(session), text=text, level=level)
         return replace(typed, number=number, figure=("check", "check"), other=guess)
     is_unit = change.verb == "read" and any(map(asks_for_unit, session.runs))
@@ -382,8 +382,10 @@ def _of_model(view: View) -> NextStep:
         known["number"] = f"{headline} Measured {measured_on(session)}."
         log_is_in_doubt = any(x.about == LOG for x in session.current.verdict.lines)
         if in_doubt or (harm and log_is_in_doubt):  # a repair comes first
-            known["other"] = _report(view)
-            return replace(_settle_doubt(session), text=text, **known)
+            step, other = _settle_doubt(session), _report(view)
+            if session.is_unit_left_open:  # that question was answered
+                step, other = _use_as_it_is(view), _name_unit(session)
+            return replace(step, text=text, other=other, **known)
         if level != "good":
             return _of_unexplained(view, diagnosis, text, known)
     test = NextStep(text, "Test it on a new run", "measure", opens="drop-runs")

@@ -56,6 +56,16 @@ class RunIssues(JobQueue):
         return any(run.get("gains_by_size") for run in used)
 
     @property
+    def is_unit_left_open(self) -> bool:
+        """Whether the person has answered that the torques' unit is not known: by gains
+        that fit the masses, or by a model without units."""
+        used = [run for run in self.runs if run["use"] != "wait"]
+        is_unnamed = any(run.get("torque_unit") == UNNAMED_UNIT for run in used)
+        return (is_unnamed or self.has_gains_by_size) and not any(
+            map(asks_for_unit, used)
+        )
+
+    @property
     def meaningless(self) -> list[str]:
         """The errors that the data check found in the training runs, a sentence each.
 

@@ -160,7 +160,10 @@ def label_of_change(session: Session, change: Mapping[str, Any]) -> str:
     """Return what the button of a change says: of several repairs which."""
     faults = session.faults_in_words(change)
     kinds = re.sub(r" \([^)]*\)", "", faults)  # where each is stands in the line
-    return f"Repair {kinds}" if faults else label_of(change["words"])
+    label = f"Repair {kinds}" if faults else label_of(change["words"])
+    if change["arguments"].get("by_size"):  # of what the person was asked for
+        return f"I do not know them: {label[:1].lower()}{label[1:]}"
+    return label
 
 
 def label_of_motion(change: Mapping[str, Any]) -> str:

@@ -1825,17 +1825,37 @@ def test_currents_become_torques_by_one_click(in_amperes):
     session, gains = in_amperes
     screen = Screen(session)
     assert "Say the unit, or the drive gains" in screen.text("next")
-    guess = "multiply the torque by gains that fit the robot's masses"
-    assert f"Or {guess}" in screen.text("next")
+    (offered,) = (
+        remedy.change.arguments
+        for remedy in session.remedies
+        if remedy.change.arguments.get("by_size")
+    )
+    factors = offered["scale"]["tau"].split(":")
+    numbers = f"{factors[0]}, {factors[1]} and {factors[2]} N m per A"
+    guess = f"multiply the torque by {numbers} (estimated from the robot's masses)"
+    assert f"I do not know them: {guess}" in screen.text("next")
     assert "9 N m per A, one for all joints but joint 3 (7," in screen.text("check")
     gains_field = next(k for k in screen.keys if k.endswith("-gains"))
-    assert screen.at(gains_field).props["placeholder"] == "e.g. 9, 9, 7"
+    example = f"e.g. {', '.join(factors)}"
+    assert screen.at(gains_field).props["placeholder"] == example
     screen.click("next-other")
     (change,) = (change for _, _, change in session.repairs)
     taken = [float(x) for x in change["arguments"]["scale"]["tau"].split(":")]
     np.testing.assert_allclose(taken, gains, rtol=0.05)
     assert not session.is_unit_open
-    assert "gains that fit the robot's masses" in session.repairs[-1][0]
+    for part in ("check", "next"):
+        assert numbers in screen.text(part)
+    gains_field = next(k for k in screen.keys if k.endswith("-gains"))
+    assert screen.at(gains_field).props["placeholder"] == example
+    assert next_step(screen.view).label == "Identify the model"
+    do(session, session.identify)
+    for part in ("next", "take-away"):
+        assert guess in screen.text(part)
+    # What was done stands in all that is taken away.
+    screen.view.download = lambda name: None
+    for name in ("model.json", "model.h", "robot.urdf", "report.html"):
+        screen.click(f"take-{name}")
+        assert numbers in (session.folder / name).read_text(), name
 
 
 def test_a_wrong_list_of_gains_stays_and_says_what_is_wrong_before_a_job(in_amperes):
@@ -1880,9 +1900,10 @@ def test_published_gains_are_offered_to_a_namesake_with_their_owner(in_amperes):
 
 
 @pytest.mark.long
-def test_a_model_within_its_noise_whose_unit_is_in_doubt_asks_for_the_unit(in_amperes):
-    """No motion settles it: the line said that no effect explains an error of 1.08 times
-    the noise, and asked for a motion to record without end."""
+def test_a_model_within_its_noise_by_gains_of_the_masses_is_used(in_amperes):
+    """No motion settles the unit: the line said that no effect explains an error of 1.08
+    times the noise, and asked for a motion to record without end; then for the unit, which
+    the person had answered."""
     session, _ = in_amperes
     screen = Screen(session)
     screen.click("next-other")
@@ -1894,7 +1915,9 @@ def test_a_model_within_its_noise_whose_unit_is_in_doubt_asks_for_the_unit(in_am
         do(session, session.diagnose)
     assert session.current.verdict.is_lowered_by_log_alone
     step = next_step(screen.view)
-    assert step.label == "Say the unit, or the drive gains"
+    assert step.label == "Download the report"
+    assert step.other.label == "Or say the unit, or the drive gains"
+    assert "masses of the robot file" in f"{step.text} {step.number}"
     assert "explain" not in step.text
 
 
@@ -1902,14 +1925,14 @@ def test_gains_by_size_are_doubted_until_they_are_typed(in_amperes):
     """Check was green with them: nothing wrong in 2 runs."""
     session, gains = in_amperes
     screen = Screen(session)
-    doubt = "N m are no surer than the masses of the robot file (the gains are judged by size)"
+    doubt = "N m are no surer than the masses of the robot file (multiplied by "
     assert doubt not in screen.text("check")
     screen.click("next-other")
     assert (checked(session).level, next_step(screen.view).level) == (
         "usable",
         "usable",
     )
-    assert checked(session).text == f"a.csv and test.csv: {doubt}."
+    assert checked(session).text.startswith(f"a.csv and test.csv: {doubt}")
     assert doubt in screen.text("check")
     assert doubt in screen.text("next")
     do(session, session.identify)

@@ -694,11 +694,12 @@ def _unit_fields(
 
 
 def _gains_offered(session: Session) -> list[str]:
-    """Return the drive gains of all joints that fit the robot's masses, with two digits;
-    none where Check offers none."""
+    """Return the drive gains of all joints that fit the robot's masses, which Check
+    offers, or which were chosen; none where there are none."""
     changes = [x.change.arguments for x in session.remedies]
+    changes += [change["arguments"] for *_, change in session.repairs]
     by_size = [x["scale"]["tau"].split(":") for x in changes if x.get("by_size")]
-    return [f"{float(gain):.2g}" for gain in by_size[0]] if by_size else []
+    return by_size[0] if by_size else []
 
 
 def _checked(session: Session) -> StageVerdict:
