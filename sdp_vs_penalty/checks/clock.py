@@ -98,7 +98,7 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         remedy=f"multiply t by {factor:g}",
         repair=lambda r: replace(r, t=r.t * factor),
         apply=f"time:{_UNITS[unit]}",
-        factor=factor,
+        figures={"factor": factor},
     )
 
 
@@ -149,8 +149,10 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
         remedy=remedy,
         needs_action=severity == "error",
         repair=repair,
-        rows=glance.run.rows_of_file(bad[:100] + 1).tolist(),
-        seconds=seconds,
+        figures={
+            "rows": glance.run.rows_of_file(bad[:100] + 1).tolist(),
+            "seconds": seconds,
+        },
     )
 
 
@@ -188,8 +190,7 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
         f" come every {step:.3g} s",
         remedy="space the rows evenly (and log the time with more digits)",
         repair=repair,
-        rows=int(is_same.sum()),
-        step=step,
+        figures={"rows": int(is_same.sum()), "step": step},
     )
 
 
@@ -250,8 +251,7 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
             cause="the logger changed its rate",
             left=Left.FACTS,
             remedy="log at one rate; the run is split there",
-            rows=[first, last],
-            times=times,
+            figures={"rows": [first, last], "times": times},
         )
 
 
@@ -301,8 +301,7 @@ def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
         ),
         remedy="space the time stamps evenly (and log the samples' own time)",
         repair=partial(_spaced_evenly, step=glance.usual_step),
-        percent=100.0 * spread,
-        ratio=ratio,
+        figures={"percent": 100.0 * spread, "ratio": ratio},
     )
 
 
@@ -380,7 +379,9 @@ def _about_steps(glance: RunSummary, rows: Indices, **said: Any) -> Issue:
     behind them as a file numbers them (a hundred at most), and the longest step [s]."""
     return make_issue(
         where=f"t = {glance.run.t[rows[0]]:.4g} s, {rows_text(glance.run, rows + 1)}",
-        rows=glance.run.rows_of_file(rows[:100] + 1).tolist(),
-        seconds=float(glance.steps[rows].max()),
+        figures={
+            "rows": glance.run.rows_of_file(rows[:100] + 1).tolist(),
+            "seconds": float(glance.steps[rows].max()),
+        },
         **said,
     )

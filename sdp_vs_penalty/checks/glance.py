@@ -189,6 +189,7 @@ class RunSummary:
         sure: Certainty = READ,
         unusable: bool = False,
         remedy: str = "delete these rows",
+        cause: str = "",
         **figures: Any,
     ) -> Iterator[Issue]:
         """Yield one issue about rows that are no measurements; its repair deletes them.
@@ -208,6 +209,8 @@ class RunSummary:
             How certain it is, and why.
         unusable : bool
             Whether identification cannot read the rows.
+        cause : str
+            What most likely made them, in words.
         **figures
             Further numbers for the sentence and JSON.
         """
@@ -228,8 +231,8 @@ class RunSummary:
             "parts": len(places),
             "rows": int(gone.sum()),
             "named": named,
-            "joints": sorted({int(name.lstrip("qtau")) - 1 for name in channels}),
         }
+        joints = sorted({int(name.lstrip("qtau")) - 1 for name in channels})
         where = rows_text(self.run, np.flatnonzero(gone))
         refuses = unusable or self._lost_share(channels, gone) > MOST_LOST
         yield make_issue(
@@ -246,7 +249,9 @@ class RunSummary:
             certainty=sure,
             remedy=remedy,
             repair=lambda r: r.rows(~gone),
-            **figures,
+            cause=cause,
+            joints=joints,
+            figures=figures,
         )
 
     def _lost_share(self, channels: Mapping[str, Rows], gone: Rows) -> float:

@@ -6,13 +6,7 @@ from enum import IntEnum
 from functools import partial
 from typing import Any, Literal
 
-from sdp_vs_penalty.checks.certainty import (
-    CERTAIN,
-    POSSIBLE,
-    READ,
-    RIVAL_EFFECT,
-    told_by,
-)
+from sdp_vs_penalty.checks.certainty import CERTAIN, POSSIBLE, RIVAL_EFFECT, told_by
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.race.fault import PositionError, joints_text
@@ -230,44 +224,20 @@ def make_issue(
     *,
     remedy: str,
     needs_action: bool = True,
-    severity: str = "warning",
     joints: Any = None,
     where: str = "",
-    certainty: Certainty = READ,
-    repair: Callable[[Measurements], Measurements] | None = None,
-    nature: str = FACT,
-    apply: str = "",
-    changes: Sequence[Change] = (),
     cause: str = "",
-    changes_positions: bool = False,
-    changes_order: bool = False,
-    is_velocity_unusable: bool = False,
-    left: Left = Left.ALL,
-    position_unit: str | None = None,
-    is_gain: bool = False,
-    is_another_arm: bool = False,
-    arm_difference: ArmDifference | None = None,
-    heading: str = "",
-    in_doubt: str = "",
-    of_positions: PositionError | None = None,
-    is_of_columns: bool = False,
-    is_torque_unit: bool = False,
-    explains_joints: bool = False,
-    at: float | None = None,
-    span: tuple[float, float] | None = None,
-    run: str | None = None,
-    size: float | None = None,
-    log_odds: float | None = None,
-    probability: float | None = None,
-    **numbers: Any,
+    figures: Mapping[str, Any] | None = None,
+    **fields: Any,
 ) -> Issue:
-    """Make an issue, mostly about some joints.
+    """Make an issue, mostly about some joints, and word it.
 
     Parameters
     ----------
-    kind, what, severity, certainty, repair, nature, apply, changes, left,
-    changes_positions, changes_order, is_velocity_unusable
-        As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
+    kind : str
+        As the attribute.
+    what : str
+        What is wrong, in one sentence; ``{where}`` in it stands for the place.
     remedy : str
         What to do, in one sentence.
     needs_action : bool
@@ -276,18 +246,17 @@ def make_issue(
         From 0; None for an issue about no joint.
     where : str
         The place; default: the joints in words.
-    position_unit, is_gain, is_another_arm, arm_difference, heading, in_doubt,
-    of_positions, is_of_columns
-        As the attributes.
-    is_torque_unit, explains_joints, at, span, run, size, log_odds, probability
-        As the attributes.
     cause : str
         What most likely made it so: it is said apart, and is likely at most.
+    figures : mapping of str to numbers, optional
+        Further numbers behind the issue, for JSON.
+    **fields
+        Other attributes of the issue.
 
     Returns
     -------
     Issue
-        With what is named beside these among its numbers.
+        In words for every screen.
     """
     where = where or joints_text(joints)
     if cause:
@@ -296,39 +265,14 @@ def make_issue(
         remedy = ": ".join(filter(None, ("no action needed", remedy)))
     return Issue(
         kind=kind,
-        severity=severity,
-        where=where,
         what=what.replace("{where}", where),
-        cause=cause,
-        certainty=certainty,
         remedy=remedy,
         needs_action=needs_action,
-        repair=repair,
         joints=() if joints is None else tuple(int(j) + 1 for j in joints),
-        at=at,
-        span=span,
-        run=run,
-        size=size,
-        log_odds=log_odds,
-        probability=probability,
-        numbers=numbers,
-        nature=nature,
-        changes_positions=changes_positions,
-        changes_order=changes_order,
-        is_velocity_unusable=is_velocity_unusable,
-        left=left,
-        position_unit=position_unit,
-        is_gain=is_gain,
-        is_another_arm=is_another_arm,
-        arm_difference=arm_difference,
-        heading=heading,
-        in_doubt=in_doubt,
-        of_positions=of_positions,
-        is_of_columns=is_of_columns,
-        is_torque_unit=is_torque_unit,
-        explains_joints=explains_joints,
-        apply=apply,
-        changes=tuple(changes),
+        where=where,
+        cause=cause,
+        numbers=figures or {},
+        **fields,
     )
 
 

@@ -132,9 +132,9 @@ def unit_asked_for(evidence: Evidence, fit: ViewFit) -> list[Issue]:
             remedy="say it as the printed command does",
             where="columns q",
             is_of_columns=True,
-            changes=[
+            changes=tuple(
                 Change("read", f"read q in {x}", {"scale": {"q": x}})
                 for x in ("rad", *names)
-            ],
+            ),
         )
     ]

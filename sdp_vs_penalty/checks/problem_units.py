@@ -49,6 +49,5 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
             what=f"{unit.what} Nothing is said of the torques.",
             certainty=told_by("read from the problem", "no arm is of that size"),
             remedy=unit.remedy,
-            quantity=unit.quantity,
-            factor=unit.factor,
+            figures={"quantity": unit.quantity, "factor": unit.factor},
         )

@@ -7,7 +7,6 @@ that is than a model of this joint alone would leave. Friction, however odd, is 
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +62,7 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
         remedy="check that this is the right robot, that the columns are joint torques,"
         " and that positions and torques come from the same recording",
         where="all torque channels",
-        unexplained_percent=percent,
+        figures={"unexplained_percent": percent},
     )
 
 
@@ -129,7 +128,7 @@ def _unexplained_joints(
         certainty=_SURE,
         remedy="look at that channel: check its source, gain and zero, and that robot,"
         " mounting and torque side are those of the problem",
-        percent=percent.round(2).tolist(),
+        figures={"percent": percent.round(2).tolist()},
     )
 
 
@@ -259,7 +258,5 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
             remedy="move these joints farther, faster and independently of each other, or add"
             " runs that do",
             changes=(Change("record", "record a motion that excites every joint"),),
-            base_parameters=total,
-            **dict[str, Any](counts(known.base)),
-            names=dark,
+            figures={"base_parameters": total, **counts(known.base), "names": dark},
         )

@@ -205,7 +205,7 @@ def _issues_of_size(
     known: dict[str, Any] = {
         "joints": range(log.n),
         "where": "all torque channels",
-        "times_nominal": size.times_nominal,
+        "figures": {"times_nominal": size.times_nominal},
     }
     of_size = partial(make_explanation, **known)
     of_unit = partial(of_torque_unit, **known)
@@ -427,7 +427,7 @@ def with_one_unit(run: str, issues: Sequence[Issue], n: int) -> tuple[Issue, ...
         remedy="say the unit of this run, or the drive gain of each joint",
         changes=(Change("read", words, {"run": run, "scale": {"tau": None}}),),
         run=run,
-        times=times,
+        figures={"times": times},
     )
     first = issues.index(gains[0])
     others = [x for x in issues if x not in gains]

@@ -89,7 +89,7 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
             where="columns dq",
             what=alike,
             cause="the rows are in reverse order, or velocities have the other sign",
-            factor=ratio,
+            figures={"factor": ratio},
         )
         return
     if is_common and abs(np.log(ratio)) > _scatter_allowed(ratios[known] / ratio):
@@ -148,7 +148,7 @@ def _in_another_unit(ratio: float, is_unit_said: bool) -> Issue | None:
         " derivative of the position.",
         certainty=READ if odds > CERTAIN else of_odds,
         is_velocity_unusable=True,
-        factor=ratio,
+        figures={"factor": ratio},
     )
 
 
@@ -179,7 +179,7 @@ def _against_the_clock(glance: RunSummary, ratio: float, alike: str) -> Issue:
             where="columns dq",
             what=f"{alike} The clock is right: {rate:.4g} samples a second are a usual rate.",
             cause="a filter, a gear or another unit of the velocity",
-            factor=ratio,
+            figures={"factor": ratio},
         )
     remedy = f"multiply t by {1.0 / ratio:.3g}, or divide dq by {ratio:.3g}"
     issue = make_issue(
@@ -193,7 +193,7 @@ def _against_the_clock(glance: RunSummary, ratio: float, alike: str) -> Issue:
         cause=f"{stamps_text(1.0 / ratio)}, or velocities are in another unit or filtered",
         remedy=f"find out the log's rate: {remedy}",
         left=Left.FACTS,
-        factor=1.0 / ratio,
+        figures={"factor": 1.0 / ratio},
     )
     if is_usual or not would_be_usual:
         return issue
@@ -228,7 +228,7 @@ def _of_one_joint(j: int, ratio: float) -> Iterator[Issue]:
         joints=[j],
         what=f"dq{j + 1} is {ratio:.3g} times the derivative of q{j + 1}.",
         where=f"dq{j + 1}",
-        factor=ratio,
+        figures={"factor": ratio},
     )
 
 

@@ -181,9 +181,11 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
             " ratio included); otherwise the model's ratios are right for a joint, its"
             " kilograms are not",
             where="all torque channels",
-            changes=[Change("read", "read tau by its gains", {"scale": {"tau": None}})],
+            changes=(
+                Change("read", "read tau by its gains", {"scale": {"tau": None}}),
+            ),
             left=Left.RATIOS,
-            largest=largest,
+            figures={"largest": largest},
         )
 
 
@@ -208,8 +210,7 @@ def find_coarse_sampling(glance: RunSummary) -> Iterator[Issue]:
             certainty=told_by("from the spectrum of the positions"),
             remedy="log faster, or move slower",
             where="column t",
-            rate_hz=rate,
-            needed=needed,
+            figures={"rate_hz": rate, "needed": needed},
         )
     assert settings.state_cutoff is not None
     assert settings.torque_cutoff is not None
@@ -252,5 +253,5 @@ def _quantised(
         certainty=likely("the steps are read from the file, the noise is estimated"),
         remedy="log more digits, or move faster",
         where=f"q{j + 1}",
-        step=step,
+        figures={"step": step},
     )

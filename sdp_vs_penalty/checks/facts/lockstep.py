@@ -69,10 +69,12 @@ class LockstepMotion:
             " cannot be told, nor what belongs to which of them.",
             certainty=stated("read from the positions"),
             remedy="move each joint by a signal of its own",
-            changes=[Change("record", "record a motion that excites every joint")],
-            rank=self.rank,
-            moving=self.moving,
-            groups=[[j + 1 for j in group] for group in self.groups],
+            changes=(Change("record", "record a motion that excites every joint"),),
+            figures={
+                "rank": self.rank,
+                "moving": self.moving,
+                "groups": [[j + 1 for j in group] for group in self.groups],
+            },
         )
 
 

@@ -65,7 +65,7 @@ def find_model_torques(glance: RunSummary) -> Iterator[Issue]:
             certainty=likely("every measurement carries noise, every motor friction"),
             remedy="log the measured torque or current: what is identified from these is"
             " that model",
-            largest_share=max(shares),
+            figures={"largest_share": max(shares)},
         )
 
 

@@ -126,8 +126,7 @@ def _overlap(run: Measurements, other: str, parts: Sequence[tuple[int, int]]) ->
         what=f"{is_copy.sum()} rows are rows of {other} as well, bit by bit: the files"
         " overlap, and what both hold would count as a repetition without noise.",
         remedy="leave these rows out of one of the two",
-        rows=int(is_copy.sum()),
-        of=other,
+        figures={"rows": int(is_copy.sum()), "of": other},
         changes=() if is_copy.all() else (cut,),
     )
 
@@ -251,7 +250,7 @@ def _doubled_rows(glance: RunSummary, same: Rows) -> Iterator[Issue]:
         cause=how,
         remedy=remedy,
         repair=partial(_without_copies, same=same, keeps_time=skips),
-        rows=int(same.sum()),
+        figures={"rows": int(same.sum())},
     )
 
 

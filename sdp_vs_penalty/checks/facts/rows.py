@@ -268,8 +268,10 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
         ),
         remedy="put the missing time back",
         repair=partial(_with_time, added=added),
-        rows=glance.run.rows_of_file(rows[:100] + 1).tolist(),
-        missing=lost[:100].tolist(),
+        figures={
+            "rows": glance.run.rows_of_file(rows[:100] + 1).tolist(),
+            "missing": lost[:100].tolist(),
+        },
     )
 
 

@@ -62,8 +62,10 @@ def find_drives_off(glance: RunSummary) -> Iterator[Issue]:
             remedy="",
             needs_action=False,
             where=f"tau{j + 1}",
-            rows=int(is_off.sum()),
-            times=glance.one_arm_is_worse(j, is_off),
+            figures={
+                "rows": int(is_off.sum()),
+                "times": glance.one_arm_is_worse(j, is_off),
+            },
         )
     what = (
         "{named} {are} exactly zero for {seconds:.3g} s, {times}, in motion: what moved"
@@ -340,6 +342,5 @@ def _clipped(glance: RunSummary, j: int, x: Array) -> Iterator[Issue]:
         remedy=remedy,
         needs_action=not is_torque,
         where=f"tau{j + 1}",
-        limit=value,
-        times=times,
+        figures={"limit": value, "times": times},
     )
