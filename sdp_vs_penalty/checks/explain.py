@@ -21,7 +21,6 @@ from sdp_vs_penalty.race.chain import LogTransform
 from sdp_vs_penalty.race.constants import LIKELY
 from sdp_vs_penalty.race.fault import Fault, joints_text
 from sdp_vs_penalty.race.kinds import list_faults
-from sdp_vs_penalty.race.kinds.events import DRIFT, drift_of_runs
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.race import Claim, RaceOutcome
 from sdp_vs_penalty.race.records import ArmDifference
@@ -80,8 +79,8 @@ def issues_of_all(
         if fault.is_gain and not has_gains:
             continue
         claims = [x for x in verdict.claims_on_all_rows() if _is_about(x, fault)]
-        if fault.kind == DRIFT and len(runs) > 1:
-            fault = drift_of_runs(fault, runs)
+        if fault.in_words_of_runs is not None and len(runs) > 1:
+            fault = fault.in_words_of_runs(fault, runs)
         issues.append(graded(_of_fault(log, fault, claims, net), verdict, claims))
     for claim in verdict.claims:
         if claim.hypothesis.by_controller:

@@ -1,5 +1,7 @@
 """A fault that a transform of a log corrects: what is said of it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -25,6 +27,8 @@ UNITS = {
 }
 
 
+#: Name and rows of each run, and how they are repaired.
+Runs = Sequence[tuple[str, Likelihood, LogTransform]]
 #: Share of an arm's reach that stands for a radian: about the length of one link.
 _SHARE_OF_REACH_PER_RADIAN = 0.3
 
@@ -112,6 +116,9 @@ class Fault:
     gravity: tuple[float, ...] | None = None
     #: Instant from which it acts [s]; None for one of all rows.
     at: float | None = None
+    #: Function that returns the fault in the words of several runs, whose names, rows and
+    #: repairs it takes; None: as of one.
+    in_words_of_runs: Callable[[Fault, Runs], Fault] | None = None
     #: Numbers behind the fault, for JSON.
     figures: Mapping[str, Any] = field(default_factory=dict)
 

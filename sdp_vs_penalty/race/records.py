@@ -239,6 +239,8 @@ class Hypothesis:
     #: Whether other joints may have the same mistake: patterns of several are tried too,
     #: where it seems likely of one.
     suggests_patterns: bool = False
+    #: Whether it may begin within a run, as a zero that is set anew does.
+    may_begin_in_run: bool = False
     #: What of the arm is another one in its part; None for a fault of the log.
     arm_difference: ArmDifference | None = None
 
@@ -293,6 +295,7 @@ def at_sizes(
     transform: LogTransform,
     number: Number,
     changes: Iterable[float] = (0.0,),
+    may_begin_in_run: bool = False,
 ) -> Iterator[Hypothesis]:
     """Yield one hypothesis about a number of a transform for each change of its size: the
     sizes from which the race begins its search."""
@@ -300,4 +303,11 @@ def at_sizes(
         changed = transform
         if change:
             changed = number.at(transform, number.size_in(transform) + change)
-        yield Hypothesis(kind, number.joints, log_prior, changed, number)
+        yield Hypothesis(
+            kind,
+            number.joints,
+            log_prior,
+            changed,
+            number,
+            may_begin_in_run=may_begin_in_run,
+        )

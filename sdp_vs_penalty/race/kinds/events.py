@@ -2,7 +2,7 @@
 (a contact, a load, a zero set anew). Proposed by a score test: of each shape the part that
 the arm leaves, against the residual."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.stretches.gaps import recorded_seconds
 from sdp_vs_penalty.race import constants as c
 from sdp_vs_penalty.race.chain import LogEvent, LogTransform
 from sdp_vs_penalty.race.evidence import Evidence, ViewFit
-from sdp_vs_penalty.race.fault import Fault, joints_text, prior_of_one_of
+from sdp_vs_penalty.race.fault import Fault, Runs, joints_text, prior_of_one_of
 from sdp_vs_penalty.race.likelihood import Likelihood
 from sdp_vs_penalty.race.records import Hypothesis
 from sdp_vs_penalty.robot.arrays import Array, Indices
@@ -150,23 +150,17 @@ def _drift(log: Likelihood, transform: LogTransform, event: LogEvent) -> Fault:
         " from the first row to the last.",
         remedy="let the sensor warm up and set its zero before the run",
         without=transform.without_event(event),
+        in_words_of_runs=_drift_of_runs,
         figures={"size": size},
     )
 
 
-def drift_of_runs(
-    fault: Fault, runs: Sequence[tuple[str, Likelihood, LogTransform]]
-) -> Fault:
+def _drift_of_runs(fault: Fault, runs: Runs) -> Fault:
     """Return the fault that a joint's torque drifts, in the words of several runs: by
     how much from the first row of a run to its last, in the run that drifts most.
 
     The ramp over the rows of all runs has an offset in each run: its size is no change
     that any run shows.
-
-    Parameters
-    ----------
-    runs : sequence of tuple
-        Name and rows of each run, and how they are repaired.
     """
     event = LogEvent(fault.joints[0])
     sizes = [

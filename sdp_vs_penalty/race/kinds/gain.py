@@ -3,6 +3,7 @@ channels have in common is not seen here: links of other masses fit it as well."
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -37,6 +38,10 @@ def _number(joints: tuple[int, ...], sd: float = _SD) -> Number:
     )
 
 
+#: Hypotheses about a factor of torques, one for each size.
+_of_sizes = partial(at_sizes, "torque gain", may_begin_in_run=True)
+
+
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield a factor of each joint's torque, near one and of a unit."""
     log, current = evidence.log, fit.transform
@@ -44,9 +49,9 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         return  # a factor of all torques is not seen
     prior = prior_of_one_of(log.n)
     for j in log.joints:
-        yield from at_sizes("torque gain", prior, current, _number((j,)))
+        yield from _of_sizes(prior, current, _number((j,)))
         unit, factors = _number((j,), _SD_OF_UNITS), np.log(_GAINS)
-        yield from at_sizes("torque gain", prior - np.log(2.0), current, unit, factors)
+        yield from _of_sizes(prior - np.log(2.0), current, unit, factors)
 
 
 def of_all_torques(current: LogTransform) -> Iterator[Hypothesis]:
@@ -54,7 +59,7 @@ def of_all_torques(current: LogTransform) -> Iterator[Hypothesis]:
     a part of the rows only, by comparison with the others."""
     number = _number(tuple(range(current.n)), _SD_OF_UNITS)
     sizes = np.log([1.0, 1e-3, 1e3])
-    return at_sizes("torque gain", prior_of_one_of(1), current, number, sizes)
+    return _of_sizes(prior_of_one_of(1), current, number, sizes)
 
 
 def list_faults(log: Likelihood, transform: LogTransform) -> Iterator[Fault]:

@@ -27,8 +27,6 @@ _SPREAD = 0.187
 #: Distances of instants from the likeliest, in shares of the rows; then of the likeliest
 #: of these.
 NEARER = np.arange(-3, 4) / 64.0, np.arange(-3, 4) / 256.0
-#: Changes that begin within a run.
-_WITHIN_A_RUN = "torque gain", "encoder offset"
 #: Standard deviation beforehand of a load: of its mass as shares of the arm's mass, for a
 #: heavy and a light one, its centre [m], and its radius of gyration squared [m^2].
 _SHARES_OF_ARM, _CENTRE, _GYRATION = (1.0, 0.05), 0.5, 0.3
@@ -163,7 +161,7 @@ def confined(
         odds = hypothesis.log_prior - odds_against
         in_part = replace(hypothesis, log_prior=odds, tells_by_friction=False)
         for part in parts:
-            if part.run is not None or hypothesis.kind in _WITHIN_A_RUN:
+            if part.run is not None or hypothesis.may_begin_in_run:
                 yield replace(in_part, part=part)
 
 

@@ -41,6 +41,10 @@ def zero_number(log: Likelihood, j: int, sd: float = _SD) -> Number:
     return Number("zero", (j,), sd, c.CALIBRATED, widest=c.WIDEST, round_sizes=turns)
 
 
+#: A hypothesis about zeros of encoders.
+_hypothesis = partial(Hypothesis, "encoder offset", may_begin_in_run=True)
+
+
 def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     """Yield another zero of each joint's encoder: near the present one, and a quarter or
     half turn off if the arm is poorly explained; of two joints at once if several mistakes
@@ -49,14 +53,14 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
     prior = prior_of_one_of(log.n)
     for j in log.joints:
         number = zero_number(log, j)
-        yield Hypothesis("encoder offset", (j,), prior, current, number)
+        yield _hypothesis((j,), prior, current, number)
         if j not in log.revolute or not fit.is_poorly_explained.any():
             continue
         for turn in _QUARTERS:
             transform = _turned(current, j, turn)
             number = zero_number(log, j, _SD_OF_TURN)
             odds = prior - np.log(len(_QUARTERS))
-            yield Hypothesis("encoder offset", (j,), odds, transform, number)
+            yield _hypothesis((j,), odds, transform, number)
     if not fit.may_be_rearranged:
         return
     # If two joints are turned, undoing one of them alone explains little.
@@ -65,7 +69,7 @@ def propose(evidence: Evidence, fit: ViewFit) -> Iterator[Hypothesis]:
         for first, second in product(_QUARTERS, _QUARTERS):
             transform = _turned(_turned(current, a, first), b, second)
             odds = 2.0 * (prior - np.log(len(_QUARTERS)))
-            yield Hypothesis("encoder offset", (a, b), odds, transform)
+            yield _hypothesis((a, b), odds, transform)
 
 
 def _turned(transform: LogTransform, j: int, turn: float) -> LogTransform:
