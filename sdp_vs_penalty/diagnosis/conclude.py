@@ -200,13 +200,14 @@ class Conclusion:
             curves=curves,
             torque_units=self.explanation.estimate.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
-        )
-        errors |= self._errors_with(diagnosis.offers.selections_of_one)
+        ).with_errors(errors)
         laws = [term.held_law for term in self.search.terms]
-        errors |= {(law.text,): law.rmse for law in laws if law is not None}
-        diagnosis = diagnosis.with_errors(errors)
-        errors |= self._errors_with(diagnosis.offers.selections_of_several)
-        return diagnosis.with_errors(errors)
+        of_laws = {(law.text,): law.rmse for law in laws if law is not None}
+        of_one = self._errors_with(diagnosis.offers.selections_of_one)
+        diagnosis = diagnosis.with_errors(of_one | of_laws)
+        # What goes together follows from what each does alone.
+        of_several = self._errors_with(diagnosis.offers.selections_of_several)
+        return diagnosis.with_errors(of_several)
 
     def _errors_with(
         self, selections: Iterable[Sequence[Finding | Retune]]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import starmap
 from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
@@ -294,9 +293,12 @@ class DiagnosisData(Record, JsonRecord):
         return replace(self, held_out_rmse_before=before).with_errors(judged)
 
     def with_errors(self, errors: Mapping[tuple[str, ...], Array]) -> Self:
-        """Return the diagnosis with errors on data left out (n,), by the texts of what is
-        added [N m or N]; those of a constant are of the model with it alone."""
-        found = replace(self, errors_with=tuple(starmap(ErrorWith, errors.items())))
+        """Return the diagnosis with further errors on data left out (n,), by the texts of
+        what is added [N m or N], in whatever order; those of a constant are of the model
+        with it alone. Errors of what has some already take their place."""
+        by_set = {frozenset(x.effects): x for x in self.errors_with}
+        by_set |= {frozenset(x): ErrorWith(x, error) for x, error in errors.items()}
+        found = replace(self, errors_with=tuple(by_set.values()))
         constants = []
         for constant in self.retuned:
             after = found.error_with([constant.text])

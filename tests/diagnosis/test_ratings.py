@@ -90,6 +90,14 @@ def with_more_errors(found, *errors):
     return replace(found, errors_with=(*found.errors_with, *errors))
 
 
+def test_a_set_of_what_is_added_has_its_errors_once_in_whatever_order():
+    found = diagnosis().with_errors({("a", "b"): np.ones(7), ("a",): np.ones(7)})
+    found = found.with_errors({("b", "a"): np.zeros(7)})
+    assert [x.effects for x in found.errors_with] == [("b", "a"), ("a",)]
+    np.testing.assert_equal(found.error_with(["a", "b"]), np.zeros(7))
+    np.testing.assert_equal(found.error_with(["a"]), np.ones(7))
+
+
 @pytest.mark.parametrize(
     ("effect", "rivals", "is_certain"),
     [
