@@ -10,6 +10,7 @@ from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+from sdp_vs_penalty.diagnosis.where_it_fails import UNNAMED
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.session import Session
@@ -234,6 +235,18 @@ def finding_chart(session: Session, found: Finding | Retune) -> dict[str, Any] |
     cause = shown_cause(finding, failures, joint)
     waves = shown_waves(failures[joint - 1], finding)
     return cause_chart(session, step, reads, joint - 1, cause, waves, 270)
+
+
+def failing_chart(session: Session, run: str) -> tuple[dict[str, Any], str]:
+    """Draw the error of the joint that errs most in a run of the current model, against
+    what it depends on most; return the figure and its title."""
+    model = session.current
+    joint, failures = model.worst_joint, model.where_it_fails
+    cause = shown_cause(None, failures, joint)
+    waves = shown_waves(failures[joint - 1])
+    read = session.recording(model, run)
+    title = f"Error of joint {joint} against {'time' if cause == UNNAMED else cause}"
+    return cause_chart(session, model, [read], joint - 1, cause, waves), title
 
 
 def cause_chart(

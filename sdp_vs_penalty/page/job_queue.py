@@ -3,7 +3,6 @@
 import asyncio
 import inspect
 import json
-import re
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field, replace
@@ -29,27 +28,13 @@ class Working:
     status: str = ""
     #: When it began, on the monotonic clock [s].
     since: float = field(default_factory=time.monotonic)
-    #: What is counted, the first number and when that was heard [s]; None for nothing
-    #: yet.
-    counted: tuple[str, int, float] | None = None
 
     def hears(self, text: str) -> Self:
-        """Return the work as a job says where it stands, with the time that is left of
-        what is counted ("trying effects: 843 of 1503")."""
-        status = progress_in_words(text)
-        count = re.search(r"(\d+) of (\d+)", text)
-        if count is None:
-            return replace(self, status=status)
-        done, of = map(int, count.groups())
-        kind, now = text[: count.start()], time.monotonic()
-        begun = self.counted
-        if begun is None or begun[0] != kind:
-            begun = (kind, done, now)
-        _, first_number, since = begun
-        if done > first_number:
-            left = (now - since) * (of - done) / (done - first_number)
-            status += f", about {max(1.0, left):.0f} s left"
-        return replace(self, status=status, counted=begun)
+        """Return the work as a job says where it stands ("trying effects: 843 of 1503").
+
+        No time left is said: the count of one phase does not know what the others take.
+        """
+        return replace(self, status=progress_in_words(text))
 
 
 @dataclass

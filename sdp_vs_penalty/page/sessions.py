@@ -265,7 +265,7 @@ def _project_of(file: Path, written: float) -> Project | None:
         return None
     name = title_of(content["name"], robot, content.get("begun", written))
     last = time.strftime("%d %b, %H:%M", time.localtime(written))
-    text = f"{_runs_and_verdict(content)}; last work {last}"
+    text = f"{_verdict_and_runs(content)}; last work {last}"
     return Project(content["token"], name, text, file.parent)
 
 
@@ -276,9 +276,9 @@ def title_of(name: str, robot: Mapping[str, Any], begun: float) -> str:
     return name or f"{robot['file'] or name_in_title(robot['title'])}, {minute}"
 
 
-def _runs_and_verdict(content: Mapping[str, Any]) -> str:
-    """Return a saved project's runs, how they were changed, the grade of its model, and
-    what was found, in words."""
+def _verdict_and_runs(content: Mapping[str, Any]) -> str:
+    """Return the grade of a saved project's model, what was found, its runs and how they
+    were changed, in words: what tells projects apart comes first, since a list cuts it."""
     names = [run["name"] for run in content["now"]["runs"]]
     more = len(names) - _MOST_RUNS
     shown = names[:_MOST_RUNS] + ([f"{more} more"] if more > 0 else [])
@@ -296,7 +296,7 @@ def _runs_and_verdict(content: Mapping[str, Any]) -> str:
     runs = formatting.words(shown) if shown else "no runs"
     if repairs := repairs_in_words(content["now"].get("repairs", ())):
         runs = f"{runs} ({repairs})"
-    return f"{runs}: {grade}"
+    return f"{grade}: {runs}"
 
 
 def _open(session: Session) -> bool:

@@ -94,10 +94,6 @@ document.addEventListener("click", (event) => {
   else field?.focus();
 });
 
-document.addEventListener("click", (event) => {
-  event.target.closest?.(".now-words > p")?.classList.toggle("whole"); // on a phone three lines stand there
-});
-
 let pressed = null; // a button that is drawn anew under the finger is pressed all the same
 document.addEventListener("pointerdown", (event) => (pressed = event.target.closest?.("button[data-key]")));
 document.addEventListener("pointerup", (event) => {

@@ -631,10 +631,17 @@ def cause_figure(
             plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
     if floor is not None and floor[j]:
         plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
+        line = {"color": BAND, "width": 10}
+        name = "within 2 times the noise"
+        plot.add("scatter", x=[None], y=[None], mode="lines", line=line, name=name)
     plot.update_axes("x", title=axis.label)
     along = " along motion" if cause in (REVERSAL, BY_DIRECTION, LOAD) else ""
     title = f"joint {joint}: error{along} [{unit}]"
     return plot.update_axes("y", title=title)
+
+
+#: Colour of the band of the noise.
+BAND = "rgba(128,128,128,0.18)"
 
 
 def noise_band(floor: float) -> dict[str, Any]:
@@ -659,7 +666,7 @@ def noise_band(floor: float) -> dict[str, Any]:
         "y0": -NORMAL_95 * floor,
         "y1": NORMAL_95 * floor,
         "layer": "below",
-        "fillcolor": "rgba(128,128,128,0.18)",
+        "fillcolor": BAND,
         "line": {"width": 0},
     }
 

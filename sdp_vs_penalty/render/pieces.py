@@ -17,7 +17,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES, Failures
 from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
-from sdp_vs_penalty.estimation.verdict import over_noise
+from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE, over_noise
 from sdp_vs_penalty.files import read_text
 from sdp_vs_penalty.formatting import amounts, change_of, number, plain_unit
 from sdp_vs_penalty.render.charts import Figure, styled
@@ -34,6 +34,10 @@ _COLOURS = (
 )
 #: Colour of the stretches of each cause; the last is for stretches without one.
 SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
+
+
+#: Errors in multiples of the noise stand on a scale that ends here at least.
+_LAST_MULTIPLE = 1.25 * ABOVE_NOISE
 
 
 def piece(template: str, **context: Any) -> Markup:
@@ -65,10 +69,10 @@ class _Scale:
 
     @classmethod
     def for_errors(cls, errors: Array, is_over_noise: bool) -> _Scale:
-        """Choose a scale for these errors (k,), which shows 1 as well where they are
-        multiples of the noise."""
+        """Choose a scale for these errors (k,), which shows the noise and the limit of
+        what is good as well where they are multiples of the noise."""
         positive = errors[errors > 0.0]
-        largest = max(float(errors.max()), 1.5 if is_over_noise else 1e-300)
+        largest = max(float(errors.max()), _LAST_MULTIPLE if is_over_noise else 1e-300)
         smallest = float(positive.min()) if len(positive) else largest
         if is_over_noise:
             smallest = min(smallest, 1.0)
@@ -181,11 +185,12 @@ def _bar(
     has_change : bool
         Whether there are two models; else ``new`` is drawn alone.
     is_known : bool
-        Whether the errors are multiples of a known noise floor, which is drawn as well.
+        Whether the errors are multiples of a known noise floor, which is drawn as
+        well, with the limit of what is good.
     """
     sizes = {"before": old, "after": new} if has_change else {"alone": new}
     if is_known:
-        sizes["noise"] = 1.0
+        sizes |= {"noise": 1.0, "limit": ABOVE_NOISE}
     shapes = {kind: scale.place(size) for kind, size in sizes.items()}
     is_below_noise = is_known and max(old, new) < 1.0  # a change there says nothing
     if not has_change or is_below_noise:
@@ -208,8 +213,9 @@ def _caption_of_bars(
     caption = f"{what}, {unit} (noise unknown; logarithmic)"
     if over_noise is not None:
         is_bound = float(over_noise.min()) < 1.0
-        shaded = "shaded, at most that" if is_bound else "shaded"
-        caption = f"{what}, in multiples of its noise ({shaded}; logarithmic)"
+        noise = "the noise, at most that" if is_bound else "the noise"
+        marks = f"shaded: {noise}; dashed: good up to {ABOVE_NOISE:g}"
+        caption = f"{what}, in multiples of its noise (logarithmic; {marks})"
     return "; ".join(filter(None, (caption, colours)))
 
 

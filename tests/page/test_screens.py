@@ -111,6 +111,14 @@ def story(request, hidden, tmp_path_factory):
     sessions.close()
 
 
+def test_errors_are_drawn_under_diagnose_before_there_is_a_diagnosis(story):
+    """They stand there while it works."""
+    now = story.said["model"]["diagnose"]
+    joint = story.judged[0].worst_joint
+    assert "Error of each joint" in now
+    assert f"Error of joint {joint} against" in now
+
+
 def test_one_grade_everywhere_and_no_stale_sentence(story):
     """After each change every stage says the same, in words and colour, of the model
     that is shown."""

@@ -1,5 +1,7 @@
 """Pieces of HTML that report and page share."""
 
+import re
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -68,3 +70,27 @@ def test_no_change_is_told_below_the_noise():
     assert "-50 %" in drawn
     known = bars([1.8, 4.0], [1.2, 2.0], [1.0, 1.0], ["N m", "N m"])
     assert "at most that" not in known
+
+
+def test_each_figure_of_two_choices_stands_under_the_colours_of_its_bars():
+    """Amounts are those of the first choice: the other one has a column for itself."""
+    now, first, second = [4.0, 3.0], [2.0, 3.0], [3.0, 1.5]
+    drawn = bars(now, first, [1.0, 1.0], ["N m", "N m"], other=second)
+    head, _, rows = drawn.partition("<tbody>")
+    columns = re.findall(r"<th.*?</th>", head)
+    colours = [re.findall(r'chip (\w+)"', column) for column in columns]
+    assert colours == [["before", "after"], ["after"], ["other"]]
+    assert re.findall(r"<td class=.change.*?>(.*?)</td>", rows) == [
+        *("-50 %", "-25 %"),
+        *("0 %", "-50 %"),
+    ]
+
+
+def test_bars_mark_what_is_good_also_where_all_of_it_is():
+    drawn = bars([1.5, 1.2], None, [1.0, 1.0], ["N m", "N m"])
+    places = {
+        kind: float(place)
+        for kind, place in re.findall(r'class="(\w+)" style="--wide:([\d.]+)', drawn)
+    }
+    assert places["noise"] < places["alone"] < places["limit"] < 1.0
+    assert "dashed: good up to 2" in drawn

@@ -10,13 +10,14 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.api.remedies import next_remedy
 from sdp_vs_penalty.diagnosis.finding import Finding, Retune
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.offers import Pair
 from sdp_vs_penalty.diagnosis.sentences import besides
 from sdp_vs_penalty.effects import effect_types, effects_in_words, standard_effect
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.charts import finding_chart, missing_chart
+from sdp_vs_penalty.page.charts import failing_chart, finding_chart, missing_chart
 from sdp_vs_penalty.page.model_step import is_among
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.spoken import spoken
@@ -50,18 +51,19 @@ from sdp_vs_penalty.signals.noise import said_before
     PagePart,
     "history",
     "",
-    lambda s: len(s.history) > 1 or s.findings is not None,
+    lambda s: s.model is not None,
     lambda s: [[model.comparison, model.findings is None] for model in s.history],
 )
 def models(view: View) -> None:
-    """Draw each joint's error from model to model; of a diagnosed one, with what would
-    be added next."""
+    """Draw each joint's error, from model to model where there are several; of a diagnosed
+    one, with what would be added next."""
     session = view.session
     if session.hidden_and_found:
         draw.tag("p", session.hidden_and_found, "words")
     history = session.history
     units = session.torque_units
-    before, after = (history[k].comparison["rmse"] for k in (0, -1))
+    before = history[0].comparison["rmse"]
+    after = history[-1].comparison["rmse"] if len(history) > 1 else None
     floor = history[-1].comparison["noise_floor"]
     scope = measured_on(session, names_runs=True)
     torque = history[-1].comparison["torque_rms"]
@@ -106,6 +108,7 @@ def findings(view: View) -> None:
     """
     session = view.session
     diagnosis = view.session.findings
+    _unexplained(view)
     if diagnosis is None:
         draw.note(
             "Every effect of the library is tried on the error, and named only if it"
@@ -130,6 +133,21 @@ def findings(view: View) -> None:
             " is, and what the load adds is found."
         )
     _by_hand(view)
+
+
+def _unexplained(view: View) -> None:
+    """Draw the error of the joint that the verdict names, against what it depends on,
+    where no card shows it: there is no diagnosis of the model yet, or nothing to add."""
+    session = view.session
+    model = session.current
+    diagnosis = session.findings_of_current
+    if not model.failures or (diagnosis and next_remedy(diagnosis.remedies)):
+        return
+    view.look_at_worst_joint()
+    run = view.run if view.run in model.runs else model.runs[-1]
+    drawn, title = failing_chart(session, run)
+    draw.tag("h4", f"{title}, in {run}")
+    draw.chart(drawn, title)
 
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
