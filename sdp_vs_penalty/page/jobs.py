@@ -374,6 +374,10 @@ def read(job: JobRequest) -> Answer:
             check_torque(part)
             _refuse_duplicate(part, state.runs, path)
             state = replace(state, runs=(*state.runs, part))
+            rougher = _rougher_block(path, how.get("rename", ""), names)
+            if rougher and (columns := _other_torques(path, state.problem, how, names)):
+                run = _run_file_name(part)
+                mappings.append({**file, **columns, "reason": "", "run": run})
             kept.append(
                 {
                     "use": "train",
@@ -381,7 +385,7 @@ def read(job: JobRequest) -> Answer:
                     "columns": names,
                     "stated": "scale" in how,
                     "recorders": to_json(part.recorders),
-                    "rougher": _rougher_block(path, how.get("rename", ""), names),
+                    "rougher": rougher,
                 }
             )
             read_so.append({"file": name, "options": how})
@@ -573,7 +577,7 @@ def _computed_torque(rougher: str) -> Issue:
         what="the torque was computed by a controller, not measured: it is smooth, and"
         f" {rougher} of this file are rough as measured.",
         certainty=likely("every measurement carries noise"),
-        remedy=f"undo, and choose {rougher} if they are the measured torque or current:"
+        remedy=f"read {rougher} instead, if they are the measured torque or current:"
         " what is identified from a computed one is the controller's model, without"
         " friction",
     )
@@ -747,6 +751,20 @@ def _columns_of(
             else _blocks(sketches, report, guessed, problem.robot),
         }
     return None
+
+
+def _other_torques(
+    path: Path, problem: Problem, how: Mapping[str, str], names: Sequence[str]
+) -> Answer | None:
+    """Return what :func:`_columns_of` does of a file that was read with options: its
+    columns as they were taken, and each other block that may be the torques."""
+    columns = _columns_of(path, problem)
+    if columns is None:
+        return None
+    chosen = {**columns["chosen"], **_columns_tried(how.get("rename", ""), names)}
+    torques = columns["torques"].items()
+    others = {name: at for name, at in torques if not at.items() <= chosen.items()}
+    return {**columns, "chosen": chosen, "torques": others}
 
 
 def _blocks(

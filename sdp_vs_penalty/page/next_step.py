@@ -41,6 +41,7 @@ from sdp_vs_penalty.page.view import (
     label_of_motion,
     look_in_words,
     measured_on,
+    read_measured_torque,
     set_aside_in_words,
 )
 from sdp_vs_penalty.render.diagnosis_words import SOME_ERROR_IS_LEFT, main_cause
@@ -54,7 +55,7 @@ class NextStep:
 
     #: The verdict, in one line.
     text: str
-    #: What the button says.
+    #: What the button says; "" for none, while it is not known what helps.
     label: str
     #: Stage that the button leads to.
     stage: str
@@ -200,14 +201,22 @@ def _columns(session: Session) -> NextStep:
 
 
 def _of_runs(session: Session) -> NextStep:
-    """Return what the check says of the runs: the first remedy, or to identify. One that
-    does not lower the error on motion left out is a second choice."""
+    """Return what the check says of the runs: the first remedy, or to identify. First
+    comes what makes all else meaningless, a torque that was not measured; one that does not
+    lower the error on motion left out is not offered, and none before it was tried."""
+    if computed := _of_computed_torque(session):
+        return computed
     allowed = [x for x in session.remedies if not x.refused]
     remedies = [_with_published_gains(session, x) for x in allowed]
     remedies.sort(key=lambda x: not _may_help(session, x.change))
     remedy = _of_refused_run(session) or next_remedy(remedies)
     if remedy is None:
         return _as_logged(session)
+    if remedy.change.verb != "read" and remedy.change.to_dict() in session.untried:
+        text = graded(remedy.problem, remedy.certainty)
+        number = "What would repair it is being tried."
+        level, figure = "usable", ("check", "check")
+        return NextStep(text, "", "check", level=level, number=number, figure=figure)
     change = remedy.change
     do = partial(session.start, session.apply, change.to_dict())
     label = label_of_change(session, change.to_dict())
@@ -220,8 +229,7 @@ def _of_runs(session: Session) -> NextStep:
     number = why if outcome is None else outcome.sentence
     said: dict[str, Any] = {"number": number, "figure": ("check", "check")}
     if not (_may_help(session, change) or session.meaningless):
-        other = NextStep("", f"Or {label[0].lower()}{label[1:]}", "check", do)
-        return replace(_as_logged(session, text), other=other, **said)
+        return replace(_as_logged(session, text), **said)
     if change.arguments.get("by_size"):  # a guess: what a person knows comes first
         guess = NextStep("", label, "check", do)
         typed = replace(_settle_doubt(session), text=text, level=level)
@@ -229,6 +237,20 @@ def _of_runs(session: Session) -> NextStep:
     is_unit = change.verb == "read" and any(map(asks_for_unit, session.runs))
     said["other"] = _name_unit(session) if is_unit else None
     return NextStep(text, label, "check", do, level=level, **said)
+
+
+def _of_computed_torque(session: Session) -> NextStep | None:
+    """Return the step that reads the measured torque in place of one that a controller
+    computed; None where there is none."""
+    if (read := read_measured_torque(session)) is None:
+        return None
+    label, do = read
+    issue = next(run for run in session.runs if run.get("rougher"))["findings"][0]
+    text = graded(issue.what, issue.certainty.grade)
+    identify = partial(session.start, session.identify)
+    words = "Or identify what the controller computes"
+    other = NextStep("", words, "identify", identify)
+    return NextStep(text, label, "measure", do, level="bad", other=other)
 
 
 def _of_refused_run(session: Session) -> Remedy | None:

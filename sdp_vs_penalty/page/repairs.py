@@ -65,6 +65,8 @@ def _words_of_reading(change: Mapping[str, Any]) -> str:
 class Repairs(Models):
     """A project whose runs and robot can be repaired, and each repair taken back."""
 
+    #: Changes of remedies that are being tried, or wait for it.
+    untried: list[dict[str, Any]] = field(default_factory=list)
     #: What the changes answered that were tried on the runs as they are, by the request.
     foreseen: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -81,8 +83,17 @@ class Repairs(Models):
         n_samples = sum(run["samples"] for run in self.runs)
         if not untried or n_samples > _MOST_TRIED or self.model is not None:
             return
+        self.untried = untried
+        self.changed()
+        try:
+            await self._try_changes()
+        finally:
+            self.untried = []
+
+    async def _try_changes(self) -> None:
+        """Try the untried changes one by one, and keep what each would do."""
         self.foreseen = {}
-        for change in untried:
+        for change in self.untried:
             request = self._change_request(change)
             try:
                 answer = await self._answer(request, no_progress, is_aside=True)
@@ -92,6 +103,7 @@ class Repairs(Models):
                 self.foreseen[json.dumps(to_json(request))] = answer
                 effect = TrialOutcome.from_dict(answer["effect"])
                 self._keep_outcome(change, effect=effect)
+            self.untried = self.untried[1:]
             self.save()
             self.changed()
 

@@ -421,6 +421,19 @@ class RobotAndRuns(RunIssues):
         there = {run["file"] for run in self.runs}
         return [m for m in self.mappings if m["run"] in there]
 
+    @property
+    def computed_torque(self) -> tuple[str, dict[str, Any], str] | None:
+        """The measured columns of the first run whose torque a controller computed, its
+        file, and the file's name for them; None without such a run, or where its file is
+        not at hand any more."""
+        for run in self.runs:
+            columns = run.get("rougher", "")
+            for file in self.guessed if columns else ():
+                for name in file["torques"]:
+                    if name.startswith(f"{columns},"):
+                        return columns, file, name
+        return None
+
     def _choose_uses(self, new: Sequence[dict[str, Any]]) -> None:
         """Give each run a use, so that some data are for training and, if possible,
         some for testing.

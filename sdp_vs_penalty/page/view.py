@@ -200,6 +200,31 @@ def set_aside_in_words(runs: Sequence[Mapping[str, Any]]) -> str:
     return f"Identify without {names}, and test on {'it' if len(runs) == 1 else 'them'}"
 
 
+#: Steps are even where the samples over the time are the rate of the steps within this
+#: share.
+_EVEN = 0.01
+
+
+def samples_in_words(run: Mapping[str, Any]) -> str:
+    """Return a run's samples with their rate: that of its steps, or where these are uneven
+    the samples over the time."""
+    rate, seconds = run["rate"], run["seconds"]
+    mean = (run["samples"] - 1) / seconds if seconds > 0.0 else rate
+    if abs(mean - rate) <= _EVEN * rate:
+        return f"{run['samples']} at {rate:.4g} Hz"
+    return f"{run['samples']}, {mean:.3g} a second on average"
+
+
+def read_measured_torque(session: Session) -> tuple[str, Callable[[], Any]] | None:
+    """Return the label of the button that reads measured columns in place of a torque that
+    a controller computed, and what it does; None where there are none."""
+    if (found := session.computed_torque) is None:
+        return None
+    columns, file, name = found
+    read = partial(session.start, session.read_mapped, file["columns"], name)
+    return f"Read {columns.replace('#', '')} instead", read
+
+
 def checked(session: Session) -> StageVerdict:
     """Return the verdict of the check: errors first, then warnings, else all is well.
 

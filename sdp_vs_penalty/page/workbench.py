@@ -274,6 +274,8 @@ class Workbench:
                         note(step.more)
             with tag("div", style="choices"):
                 for (key, style), choice in zip(_CHOICES, step.choices, strict=False):
+                    if not choice.label:
+                        continue
                     opens = choice.opens or False
                     at: dict[str, Any] = {"data_to": choice.stage, "data_opens": opens}
                     button(choice.label, choice.do, key, style, **at)

@@ -231,15 +231,15 @@ def test_a_button_of_several_repairs_names_those_that_it_makes(here, hidden, tmp
 
 
 @pytest.mark.parametrize(
-    ("now", "main", "second"),
+    ("now", "main"),
     [
-        (0.519, "Identify the model", "Or delete 5 rows"),
-        (0.5121, "Identify the model", "Or delete 5 rows"),  # as it is said: the same
-        (0.4, "Delete 5 rows", ""),
+        (0.519, "Identify the model"),
+        (0.5121, "Identify the model"),  # as it is said: the same
+        (0.4, "Delete 5 rows"),
     ],
 )
-def test_a_repair_that_does_not_lower_the_error_is_a_second_choice(
-    here, hidden, tmp_path, now, main, second
+def test_a_repair_that_does_not_lower_the_error_is_not_offered(
+    here, hidden, tmp_path, now, main
 ):
     """Its own figure says so; the error is that on motion left out."""
     s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
@@ -253,18 +253,28 @@ def test_a_repair_that_does_not_lower_the_error_is_a_second_choice(
     screen = Screen(s)
     assert screen.at("next").text == main
     assert outcome.sentence in screen.text("next").replace("\xa0", " ")
-    assert [screen.at(x).text for x in screen.keys if x == "next-other"] == (
-        [second] if second else []
-    )
+    assert "next-other" not in screen.keys
 
 
-def test_no_time_is_estimated_before_a_second_part_is_counted(monkeypatch):
-    """The time since the first, not that since the computer was started."""
-    clock = iter([80_000.0, 80_010.0])
-    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
-    work = Working().hears("1 of 3 done")
-    assert work.status == "1 of 3 parts done"
-    assert work.hears("2 of 3 done").status == "2 of 3 parts done, about 10 s left"
+def test_no_repair_is_offered_before_its_trial_is_done(here, hidden, tmp_path):
+    """No button changes under the hand: there is none until it is known what helps."""
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "a.csv"))
+    change = Change("transform", "delete 5 rows", {"apply": []})
+    s.remedies = [TriedRemedy("a.csv: rows at zero", "certain", "", change)]
+    s.untried = [change.to_dict()]
+    screen = Screen(s)
+    assert "next" not in screen.keys
+    assert "What would repair it is being tried." in screen.text("next")
+    s.untried = []
+    s.changed()
+    assert screen.at("next").text == "Delete 5 rows"
+
+
+def test_the_count_of_one_phase_is_no_time_of_the_whole_job():
+    """A diagnosis has tried its effects long before it ends: it says no seconds left."""
+    work = Working().hears("trying effects: 1 of 1282")
+    work = work.hears("trying effects: 50 of 1282")
+    assert work.status == "50 of 1282 effects tried"
 
 
 @pytest.mark.parametrize(
@@ -1271,13 +1281,13 @@ def test_a_project_has_a_name_runs_and_verdict_and_is_deleted(kept, hidden, tmp_
     assert (s.folder / "project.json").stat().st_mtime_ns == written  # no new work
     (project,) = kept.saved()
     assert project.name == "arm on the bench"
-    assert project.about.startswith("a.csv: no model yet; ")
+    assert project.about.startswith("no model yet: a.csv; ")
     other = opened(kept, "two_link", **saved(tmp_path, hidden.runs[:1], "b.csv"))
     other.repairs = [["flip tau1 (and check the wiring)", {}, {}]]
     other.rename("arm on the bench")
     later, first = sorted(kept.saved(), key=lambda x: x.folder == s.folder)
     assert {later.name, first.name} == {project.name, f"{project.name} (2)"}
-    assert later.about.startswith("b.csv (flip joint 1's torque): no model yet; ")
+    assert later.about.startswith("no model yet: b.csv (flip joint 1's torque); ")
     kept.delete(later)
     s.watchers.append(SimpleNamespace(present=True))
     refusal(lambda: kept.delete(project), project.name, "is open in a tab")
@@ -1805,6 +1815,28 @@ def test_a_computed_torque_beside_a_measured_one_is_known(tmp_path):
     assert said == "columns #6 to #7"
     assert jobs._rougher_block(file, f"{begin}tau1=#6,tau2=#7", names) == ""
     assert jobs._rougher_block(file, "", names) == ""
+
+
+def test_a_press_reads_the_measured_torque_in_place_of_a_computed_one(here, hidden):
+    """It leads before all other issues, which are those of a torque that goes."""
+    run = hidden.runs[0].rows(slice(None, None, 4))
+    spread = np.std(run.tau, axis=0)
+    noise = 0.05 * spread * np.random.default_rng(0).standard_normal(run.tau.shape)
+    window = np.hanning(41) / np.sum(np.hanning(41))
+    smooth = np.apply_along_axis(np.convolve, 0, run.tau, window, "same")
+    dq = np.gradient(run.q, run.t, axis=0)
+    table = np.column_stack([run.t, run.q, dq, smooth, run.tau + noise, 2.0 * smooth])
+    screen = with_tables(here, a=table)
+    s = screen.session
+    screen.click(next(key for key in blocks_of(screen) if "#6 to #7" in key))
+    assert "computed by a controller" in screen.text("next")
+    assert screen.at("next").text == "Read columns 8 to 9 instead"
+    assert "Read columns 8 to 9 instead" in screen.text("check")
+    screen.click("next")
+    (stored,) = s.runs
+    read = s.arrays(stored["file"])["tau1"]
+    np.testing.assert_allclose(read, table[:, 7], rtol=1e-6)
+    assert "computed by a controller" not in screen.text("next")
 
 
 @pytest.fixture

@@ -39,6 +39,8 @@ from sdp_vs_penalty.page.view import (
     label_of_change,
     label_of_motion,
     look_in_words,
+    read_measured_torque,
+    samples_in_words,
     set_aside_in_words,
 )
 from sdp_vs_penalty.render.words import BADGES, plain_name
@@ -433,7 +435,7 @@ def _list(view: View) -> None:
                 with draw.tag("tr"):
                     draw.tag("th", run["name"], "name", scope="row")
                     draw.tag("td", f"{formatting.number(run['seconds'])} s")
-                    draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
+                    draw.tag("td", samples_in_words(run))
                     with draw.tag("td"):
                         label = f"Use of {run['name']}"
                         use = partial(session.start, session.use, run["file"])
@@ -510,7 +512,8 @@ def check(view: View) -> None:
     names = [run["name"] for run in session.runs]
     first = next((run["name"] for run in session.runs if run["findings"]), names[0])
 
-    mended = any(x.change.verb == "transform" for x in session.remedies)
+    offered = [x.change.verb for x in session.remedies if not x.refused]
+    mended = "transform" in offered
 
     def look(run: str) -> None:
         read = session.preview(run)
@@ -572,7 +575,10 @@ def _findings(view: View) -> None:
                     _change(view, change, f"remedy-{k}-{n}")
                 is_apart = is_difference and _apart(session, runs, k)
                 is_done = changes or not issue.needs_action
-                if issue.severity != "note" and not (is_apart or is_done):
+                measured = issue is runs[0]["findings"][0] and runs[0].get("rougher")
+                if measured and (read := read_measured_torque(session)):
+                    draw.button(*read, f"measured-{k}")
+                elif issue.severity != "note" and not (is_apart or is_done):
                     _last_resort(session, issue, runs, k)
 
 
@@ -614,8 +620,12 @@ def _last_resort(
 
 def _change(view: View, made: Change, key: str) -> None:
     """Draw the button of a remedy's change; with a field where only the person knows the
-    unit, and why it was refused, where it was."""
+    unit. One that was tried and does not help has its outcome alone."""
     session, change = view.session, made.to_dict()
+    outcome = session.outcome_of(made)
+    if not (outcome is None or outcome.falls or session.meaningless):
+        draw.note(outcome.sentence)
+        return
     label = label_of_change(session, change)
     do = partial(session.start, session.apply, change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
@@ -634,7 +644,7 @@ def _change(view: View, made: Change, key: str) -> None:
     elif asked == ["tau"] and session.model is None and session.is_unit_open:
         identify = partial(session.start, session.identify_without_units)
         draw.button("Identify without units", identify, f"{key}-as-is", "quiet")
-    if outcome := session.outcome_of(made):
+    if outcome is not None:
         draw.note(outcome.sentence)
 
 
