@@ -375,9 +375,12 @@ def read(job: JobRequest) -> Answer:
             _refuse_duplicate(part, state.runs, path)
             state = replace(state, runs=(*state.runs, part))
             rougher = _rougher_block(path, how.get("rename", ""), names)
-            if rougher and (columns := _other_torques(path, state.problem, how, names)):
+            others = (
+                _other_torques(path, state.problem, how, names) if rougher else None
+            )
+            if others:
                 run = _run_file_name(part)
-                mappings.append({**file, **columns, "reason": "", "run": run})
+                mappings.append({**file, **others, "reason": "", "run": run})
             kept.append(
                 {
                     "use": "train",
