@@ -627,7 +627,7 @@ def _change(view: View, made: Change, key: str) -> None:
         draw.note(outcome.sentence)
         return
     label = label_of_change(session, change)
-    do = partial(session.start, session.apply, change)
+    do: draw.Handler = partial(session.start, session.apply, change)
     asked = [k for k, v in change["arguments"].get("scale", {}).items() if not v]
     if change["verb"] == "record":
         label = label_of_motion(change)
