@@ -277,14 +277,14 @@ class Finding(Rated):
 
     @property
     def torque_text(self) -> str:
-        """The torque that it makes, such as "0.21 ± 0.01 N m RMS in these runs"; ""
+        """The torque that it makes, such as "0.21 ± 0.01 N m RMS over these runs"; ""
         if that is not known (findings.json of an older version).
         """
         if self.torque_rms is None or self.torque_std is None:
             return ""
         half = NORMAL_95 * self.torque_std
         unit = plain_unit(self.torque_unit)
-        return f"{formatting.amount(self.torque_rms, half, unit)} RMS in these runs"
+        return f"{formatting.amount(self.torque_rms, half, unit)} RMS over these runs"
 
     @property
     def _torque_is_known(self) -> bool:
@@ -375,9 +375,15 @@ class Finding(Rated):
         return not abs(self.size) > self.half_width_95
 
     @property
+    def says_torque(self) -> bool:
+        """Whether :attr:`on_the_arm` says how large the torque is in place of a size that
+        may be zero."""
+        return self.size_may_be_zero and self._torque_is_known
+
+    @property
     def says_open_law(self) -> bool:
         """Whether :attr:`on_the_arm` says a torque alone, and the laws that may make it."""
-        return bool(self.rivals) and self.size_may_be_zero and self._torque_is_known
+        return bool(self.rivals) and self.says_torque
 
     @property
     def size_is_open(self) -> bool:

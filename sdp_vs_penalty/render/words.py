@@ -94,8 +94,9 @@ class FindingWords:
     gain: str = ""
     #: The same in brief: the errors of its joint without and with it.
     brief_gain: str = ""
-    #: Whether its joint errs by more with what its card adds.
-    is_worsening: bool = False
+    #: Whether it should be added: its torque is there, and its joint errs by no more
+    #: with what its card adds. The badge's colour says so, its word how sure it is.
+    helps: bool = False
     #: The name that its law has over another travel, and other effects that fit as well.
     rivals: str = ""
     #: Run that decides whether the effect is there.
@@ -180,8 +181,11 @@ def describe_finding(
         constants=finding.constants if size else "",
         gain=gain_sentence(finding, diagnosis),
         brief_gain=_brief_gain(finding, diagnosis),
-        is_worsening=bool(rmse_with[j] > rmse[j])
-        and not diagnosis.offers.pair_of(finding),
+        helps=finding.torque_is_certain
+        and (
+            bool(rmse_with[j] <= rmse[j])
+            or diagnosis.offers.pair_of(finding) is not None
+        ),
         physics=physics,
         rivals=" ".join(filter(None, (same_law, as_well))),
         doubt=doubt,
@@ -249,8 +253,9 @@ def _evidence_for(
         parts = group.findings
         evidence += [(_part_of_sum(part), not part.size_is_open) for part in parts]
     elif finding.size_may_be_zero:
-        # It is said among the doubts, or follows from the law that is open.
-        if not (finding.says_open_law or Doubt("insignificant") in finding.doubts):
+        if finding.says_torque:  # in place of its size
+            evidence += _balanced_torque(finding, diagnosis)
+        elif Doubt("insignificant") not in finding.doubts:  # these say it too
             evidence.append(("Its size is not told from zero.", False))
     else:
         power = min(int(finding.gain / 2.0 / np.log(10.0)), _MOST_ODDS)
@@ -273,6 +278,21 @@ def _evidence_for(
         text = f"That it is {name} and no other: {least_odds} to 1, or more."
         evidence.append((text, True))
     return tuple(evidence)
+
+
+def _balanced_torque(finding: Finding, diagnosis: Diagnosis) -> list[tuple[str, bool]]:
+    """Say why a torque can be larger than the error that it lowers; nothing of one that is
+    not."""
+    joint = finding.main_joint
+    error = float(diagnosis.held_out_rmse_before[joint - 1])
+    if finding.torque_rms is None or finding.torque_rms <= error:
+        return []
+    amount = formatting.quantity(error, diagnosis.torque_unit(joint))
+    text = (
+        f"Joint {joint} errs by {amount} RMS without it: the model's other parameters"
+        " balance most of that torque."
+    )
+    return [(text, False)]
 
 
 def _part_of_sum(finding: Finding) -> str:
@@ -329,12 +349,12 @@ def doubt_of(rated: Finding | Retune, shared: Collection[Doubt] = ()) -> str:
 
     Doubts that are shown elsewhere are left out: those ``shared`` with other findings,
     that another effect fits as well if that effect is named, and that the size is
-    uncertain if the badge says so, or if the law is open.
+    uncertain if the badge says so, or if the torque is said in its place.
     """
     is_named = isinstance(rated, Finding) and bool(rated.rivals_in_words)
     left_out = {*shared, *([Doubt("rivals")] if is_named else [])}
-    is_open_law = isinstance(rated, Finding) and rated.says_open_law
-    if rated.badge == "size uncertain" or is_open_law:
+    says_torque = isinstance(rated, Finding) and rated.says_torque
+    if rated.badge == "size uncertain" or says_torque:
         left_out |= {Doubt("uncertain"), Doubt("insignificant")}
     return _in_words([doubt for doubt in rated.doubts if doubt not in left_out])
 
@@ -374,7 +394,8 @@ def describe_constant(constant: Retune, diagnosis: Diagnosis) -> FindingWords:
         rating=constant.rating,
         badge=constant.badge,
         brief_gain=gain,
-        is_worsening=constant.rmse_after > constant.rmse_before and not helped,
+        helps=constant.torque_is_certain
+        and (constant.rmse_after <= constant.rmse_before or bool(helped)),
         physics=physics,
         doubt=doubt,
         evidence=_against(doubt),

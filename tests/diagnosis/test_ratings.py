@@ -842,13 +842,38 @@ def test_of_a_torque_that_is_known_a_card_says_once_which_laws_may_make_it():
     )
     (words,) = describe_diagnosis(diagnosis(found), ["N m"] * 7).findings
     assert words.on_the_arm.endswith(
-        "a torque at each reversal of joint 2, 0.2 ± 0.02 N m RMS in these runs; which law"
+        "a torque at each reversal of joint 2, 0.2 ± 0.02 N m RMS over these runs; which law"
         " makes it is open: pre-sliding hysteresis or Maxwell slip."
     )
     evidence = [text for text, _ in words.evidence]
     for said in (words.sentences, " ".join([words.on_the_arm, *evidence])):
         assert said.count("Maxwell slip") == 1
         assert "from zero" not in said
+
+
+def test_a_torque_that_is_known_is_the_one_statement_of_size():
+    """The card said 1.57 N m RMS, and that the size is not told from zero; the joint erred
+    by less than that in all."""
+    known = {"torque_rms": 1.57, "torque_std": 0.4, "torque_unit": "N*m"}
+    doubts = (Doubt("insignificant"),)
+    found = finding("maxwell_slip", 5, std=0.9, doubts=doubts, **known)
+    given = replace(diagnosis(found), held_out_rmse_before=np.full(7, 0.293))
+    (words,) = describe_diagnosis(given, ["N m"] * 7).findings
+    assert "RMS over these runs" in words.on_the_arm
+    evidence = [text for text, _ in words.evidence]
+    assert any(one.startswith("Joint 5 errs by 0.293 N m") for one in evidence)
+    assert any("other parameters balance most of that" in one for one in evidence)
+    assert "from zero" not in " ".join([words.sentences, *evidence])
+
+
+def test_the_colour_of_a_badge_follows_what_to_do():
+    """Its word follows what is known: a near-tie that helps is added, and is green."""
+    helps = finding("joint_spring", 2, "backlash", helps=True)
+    sure = finding("stiction", 1)
+    found = diagnosis(helps, sure, after={"stiction": 3.0})  # it errs more with it
+    of_findings = describe_diagnosis(found, ["N m"] * 7).findings
+    assert [words.helps for words in of_findings] == [True, False]
+    assert [words.badge for words in of_findings] == ["near-tie", "confident"]
 
 
 def test_the_data_frame_has_the_errors_that_cards_and_offers_have():

@@ -294,7 +294,7 @@ def _head(
     with unfolded, draw.tag("summary", style="head", data_key=key):
         draw.tag("h4", title)
         if words is not None:
-            colour = "near-tie" if words.is_worsening else words.rating
+            colour = "good" if words.helps else "weak"
             meaning = BADGES.get(words.badge, "")
             draw.tag("span", words.badge, f"badge {colour}", title=meaning)
             draw.tag("span", gain, "soft")
