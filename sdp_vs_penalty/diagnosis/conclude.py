@@ -207,7 +207,10 @@ class Conclusion:
         diagnosis = diagnosis.with_errors(of_one | of_laws)
         # What goes together follows from what each does alone.
         of_several = self._errors_with(diagnosis.offers.selections_of_several)
-        return diagnosis.with_errors(of_several)
+        diagnosis = diagnosis.with_errors(of_several)
+        # What shows that it helps follows from the pairs.
+        of_shown = self._errors_with(diagnosis.offers.selections_of_shown)
+        return diagnosis.with_errors(of_shown)
 
     def _errors_with(
         self, selections: Iterable[Sequence[Finding | Retune]]

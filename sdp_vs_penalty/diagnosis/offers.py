@@ -193,6 +193,40 @@ class Offers(Sequence[Remedy]):
         ]
         return [*filter(None, (self.diagnosis.helpful, self._sure)), *pairs]
 
+    @property
+    def selections_of_shown(self) -> list[tuple[Finding | Retune, ...]]:
+        """What shows that it helps, by the errors of what is added by itself and in
+        pairs; empty where that is all that helps."""
+        shown = self._shown
+        return [shown] if shown not in ((), self.diagnosis.helpful) else []
+
+    @property
+    def _shown(self) -> tuple[Finding | Retune, ...]:
+        """What lowers the error of a joint by itself, in its sum, or beside one other."""
+        return tuple(
+            found
+            for found in self.diagnosis.helpful
+            if self._helps_alone(found) or self.companion(found)[0] is not None
+        )
+
+    @cached_property
+    def helping(self) -> tuple[Finding | Retune, ...]:
+        """What is offered as a help: what shows that it helps, where that does as much as
+        all that helps, and else all of it, since the others help beside it."""
+        shown, everything = self._shown, self.diagnosis.helpful
+        after = self.error_with(shown) if shown else None
+        if after is None or self._takes_curves:
+            return everything
+        before = self.diagnosis.held_out_rmse_before
+        with_all = self.outcome_between(before, self.diagnosis.left_error)
+        does_as_much = self.outcome_between(before, after).does_as_much_as(with_all)
+        return shown if does_as_much else everything
+
+    @property
+    def _takes_curves(self) -> bool:
+        """Whether what helps is added with the measured curves."""
+        return bool(self.diagnosis.curves) and not self.diagnosis.leaves_curves_out
+
     def _helps_alone(self, found: Finding | Retune) -> bool:
         """Whether something, or a sum that it belongs to, lowers the error of a joint by
         CHANGES without all others; True where that was not computed."""
@@ -218,6 +252,16 @@ class Offers(Sequence[Remedy]):
             arguments["findings"] = [found.number, other.number]
         change = Change("add", f"add {named_on_joints(pair)}", arguments)
         return Pair(found, other, mutual is found, joint, after, names, change)
+
+    def shown_of(self, found: Finding | Retune) -> tuple[int, Finding | None]:
+        """Return the joint (from 1) whose error the card of something shows, which is the
+        one that its number is of, and the finding that acts there; None of a constant."""
+        pair = self.pair_of(found)
+        both = [found] if pair is None else [pair.found, pair.other]
+        acts = [(x.main_joint if isinstance(x, Finding) else x.joint, x) for x in both]
+        joint = acts[0][0] if pair is None else pair.joint
+        at_joint = [x for j, x in acts if j == joint and isinstance(x, Finding)]
+        return joint, next(iter(at_joint), None)
 
     def companion(self, found: Finding | Retune) -> tuple[Finding | Retune | None, int]:
         """Return which other one that helps something needs, which lowers no error by
@@ -282,14 +326,11 @@ class Offers(Sequence[Remedy]):
         it leaves: first what is advised (:attr:`main`), then all that helps, what is
         sure together, each re-estimated constant, each group of findings, and each
         nearest law that a file holds in place of one."""
-        adds_curves = (
-            bool(self.diagnosis.curves) and not self.diagnosis.leaves_curves_out
-        )
         leaves_spans_out = bool(self.diagnosis.left_out) and not self.diagnosis.frozen
         offers = [self.main] if self.main else []
-        if self.diagnosis.helpful or adds_curves or leaves_spans_out:
+        if self.diagnosis.helpful or self._takes_curves or leaves_spans_out:
             offers.append(self._offer_of_all)
-        if self._sure_together not in ((), self.diagnosis.helpful):
+        if self._sure_together not in ((), self.helping):
             offers.append(self._offer_of_sure)
         offers += [constant.remedy for constant in self.diagnosis.retuned]
         offers += [self.offer_of(group.first) for group in self.groups]
@@ -301,7 +342,10 @@ class Offers(Sequence[Remedy]):
             replace(x, is_advisable=not (nothing_helps or self._is_harmful(x)))
             for x in offers
         ]
-        return tuple({str(offer.change.arguments): offer for offer in offers}.values())
+        first_of_each = dict[str, Remedy]()
+        for offer in offers:
+            first_of_each.setdefault(str(offer.change.arguments), offer)
+        return tuple(first_of_each.values())
 
     def _is_harmful(self, offer: Remedy) -> bool:
         """Whether an offer raises a joint's error on data left out beyond the noise."""
@@ -430,7 +474,7 @@ class Offers(Sequence[Remedy]):
         """
         sure = [
             f
-            for f in self.diagnosis.helpful
+            for f in self.helping
             if f.rating == "confident"
             or (isinstance(f, Finding) and f.effect_is_certain)
             if not self.is_in_sum(f)
@@ -438,7 +482,7 @@ class Offers(Sequence[Remedy]):
         ]
         of_known_size = [f for f in sure if isinstance(f, Retune) or not f.size_is_open]
         sure = of_known_size or sure
-        is_all = len(sure) == len(self.diagnosis.helpful)
+        is_all = len(sure) == len(self.helping)
         return tuple(f for f in sure if is_all or isinstance(f, Finding))
 
     @property
@@ -447,9 +491,9 @@ class Offers(Sequence[Remedy]):
         helps where all but the main one is confident; none where its errors were not
         computed."""
         main, together = self.main_finding, self._sure
-        others = [f for f in self.diagnosis.helpful if f is not main]
+        others = [f for f in self.helping if f is not main]
         if main not in together and all(f.rating == "confident" for f in others):
-            together = self.diagnosis.helpful
+            together = self.helping
         has_errors = self.error_with(together) is not None
         is_several = main in together and len(together) > 1
         return together if has_errors and is_several else ()
@@ -458,7 +502,7 @@ class Offers(Sequence[Remedy]):
     def _offer_of_sure(self) -> Remedy:
         """The offer that adds what is sure together."""
         together = self._sure_together
-        if together == self.diagnosis.helpful:
+        if together == self.helping:
             return self._offer_of_all
         findings = [f for f in self.in_order_of_reading if f in together]
         after = self.error_with(together)
@@ -469,18 +513,21 @@ class Offers(Sequence[Remedy]):
     @property
     def _offer_of_all(self) -> Remedy:
         """The offer that adds what helps, with the curves where these stay."""
-        takes_all = bool(self.diagnosis.curves) and not self.diagnosis.leaves_curves_out
-        which = "all" if takes_all else "helpful"
+        which: str | list[int] | None = "all" if self._takes_curves else "helpful"
         after = self.diagnosis.left_error
+        if self.helping != self.diagnosis.helpful:
+            if len(self.helping) == 1 and isinstance(self.helping[0], Finding):
+                return self.offer_of(self.helping[0])
+            numbers = [f.number for f in self.helping if isinstance(f, Finding)]
+            which = numbers if len(numbers) == len(self.helping) else None
+            shown = self.error_with(self.helping)
+            assert shown is not None  # or all that helps would be offered
+            after = shown
         offer = self._offer_of_several(
-            self.diagnosis.helpful,
-            what_is_missing(self.diagnosis),
-            "that help",
-            which,
-            after,
+            self.helping, what_is_missing(self.diagnosis), "that help", which, after
         )
         words = offer.change.words
-        if takes_all:
+        if self._takes_curves:
             on = formatting.joints([curve.joint for curve in self.diagnosis.curves])
             begin = f"{words} and" if self.diagnosis.helpful else "add"
             words = f"{begin} the measured curve of {on}"
@@ -493,13 +540,15 @@ class Offers(Sequence[Remedy]):
         found: Sequence[Finding | Retune],
         problem: str,
         counted: str,
-        which: str | list[int],
+        which: str | list[int] | None,
         after: Array,
     ) -> Remedy:
         """Return the offer that adds several together, with the errors ``after`` (n,) that
         this leaves [N m or N]. A button names few kinds, and counts more, which are
-        ``counted``."""
-        arguments = {"effects": [f.text for f in found], "findings": which}
+        ``counted``; ``which`` is None of constants beside findings, which have no number."""
+        arguments: dict[str, Any] = {"effects": [f.text for f in found]}
+        if which is not None:
+            arguments["findings"] = which
         is_confident = all(f.rating == "confident" for f in found)
         names = names_on_joints([f for f in self.in_order_of_reading if f in found])
         constants = [f for f in found if isinstance(f, Retune)]

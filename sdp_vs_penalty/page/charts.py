@@ -10,6 +10,7 @@ from sdp_vs_penalty.colours import PALETTE
 from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import UNNAMED
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.page.model_step import ModelStep
@@ -215,9 +216,11 @@ def failing_stretches(
     ]
 
 
-def finding_chart(session: Session, found: Finding | Retune) -> dict[str, Any] | None:
-    """Draw the error of the joint of a finding, or of a constant to re-estimate, against
-    its cause, before and after adding it.
+def finding_chart(
+    session: Session, diagnosis: Diagnosis, found: Finding | Retune
+) -> dict[str, Any] | None:
+    """Draw the error that the card of a finding, or of a constant to re-estimate, is
+    about, against its cause, before and after adding it.
 
     "After" is the model with everything that helps; it is left out for what is not.
     None if the runs are too short to name a cause.
@@ -229,8 +232,7 @@ def finding_chart(session: Session, found: Finding | Retune) -> dict[str, Any] |
     reads = [{**read, "torque": read["measured"], "modelled": read["before"]}]
     if found.torque_is_certain and "after" in read:
         reads.append({**reads[0], "modelled": read["after"]})
-    finding = found if isinstance(found, Finding) else None
-    joint = found.joints[0] if finding is None else finding.main_joint
+    joint, finding = diagnosis.offers.shown_of(found)
     failures = step.where_it_fails
     cause = shown_cause(finding, failures, joint)
     waves = shown_waves(failures[joint - 1], finding)

@@ -606,7 +606,7 @@ def _identify_again(session: Session, text: str, level: str, more: str) -> NextS
 def _rest_to_add(session: Session) -> NextStep | None:
     """Return the step that adds what else helps of what the last diagnosis found; None
     where all of it is in the model."""
-    found = () if session.findings is None else session.findings.helpful
+    found = () if session.findings is None else session.findings.offers.helping
     texts = [finding.text for finding in found if finding.text not in session.added]
     if not texts:
         return None

@@ -119,7 +119,7 @@ def main_cause(diagnosis: Diagnosis) -> str:
             named = named_on_joints(together)
             text = f"{SOME_ERROR_IS_LEFT}: {likeness}{named} ({badge})"
             text = f"{good_already(diagnosis)} {text}".lstrip()
-        others = [found for found in diagnosis.helpful if found not in together]
+        others = [x for x in diagnosis.offers.helping if x not in together]
         if len(others) > _MOST_NAMED:
             return f"{text}, and {len(others)} more."
         return f"{text}; also {named_on_joints(others)}." if others else f"{text}."

@@ -30,7 +30,7 @@ from sdp_vs_penalty.diagnosis.causes import (
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, MINOR
 from sdp_vs_penalty.diagnosis.doubts import Doubt
-from sdp_vs_penalty.diagnosis.finding import Finding, Retune
+from sdp_vs_penalty.diagnosis.finding import Finding, Retune, named_on_joints
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.offers import Pair
 from sdp_vs_penalty.diagnosis.sentences import advice
@@ -214,6 +214,43 @@ def _brief_gain(finding: Finding, diagnosis: Diagnosis) -> str:
     outcome = diagnosis.offers.outcome_between(*diagnosis.errors_of(finding))
     rising = [outcome.share_of(k) for k in outcome.rising if k != joint]
     return "; ".join([text, *rising])
+
+
+@dataclass(frozen=True)
+class PartOfOffer:
+    """One of several that an offer adds."""
+
+    #: Effect and joint, or the constant that is estimated again.
+    title: str
+    #: What it does to the error by itself, or beside which other one.
+    gain: str
+    #: How sure it is, in a word, and its rating.
+    badge: str
+    rating: str
+
+
+def parts_of(offer: Remedy, diagnosis: Diagnosis) -> list[PartOfOffer]:
+    """List what an offer adds, each once, in the order of reading; the constants last."""
+    texts = offer.change.arguments["effects"]
+    found = [*diagnosis.offers.in_order_of_reading, *diagnosis.retuned]
+    return [
+        PartOfOffer(x.title, _gain_of_part(x, diagnosis), x.badge, x.rating)
+        for x in found
+        if x.text in texts
+    ]
+
+
+def _gain_of_part(found: Finding | Retune, diagnosis: Diagnosis) -> str:
+    """Return what one part of an offer does to the error: by itself, with the others of
+    which the runs show the sum alone, or with the one that it needs."""
+    if pair := diagnosis.offers.pair_of(found):
+        _, _, gain = _gain_of_pair(pair, diagnosis).partition(", ")
+        return f"with {named_on_joints([pair.other])}, {gain}"
+    if isinstance(found, Retune):
+        return _fall(found.joint, found.rmse_before, found.rmse_after, diagnosis)
+    gain = _brief_gain(found, diagnosis)
+    others = [x for x in diagnosis.offers.group_of(found).findings if x is not found]
+    return f"with {named_on_joints(others)}, {gain}" if others else gain
 
 
 def _gain_of_pair(pair: Pair, diagnosis: Diagnosis) -> str:

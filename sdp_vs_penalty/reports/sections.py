@@ -468,7 +468,8 @@ def findings(data: ReportData) -> Context:
     cards, weak_cards = list[dict[str, Any]](), list[dict[str, Any]]()
     for first in (group.first for group in diagnosis.offers.groups):
         words_of_first = described.findings[first.number - 1]
-        card = {"words": words_of_first, "picture": _picture_of_finding(data, first)}
+        picture = _picture_of_finding(data, diagnosis, first)
+        card = {"words": words_of_first, "picture": picture}
         (cards if first.torque_is_certain else weak_cards).append(card)
     weak = [f for f in diagnosis.effects if not f.torque_is_certain]
     not_added = findings_not_added(replace(diagnosis, effects=tuple(weak)), data.last)
@@ -493,18 +494,20 @@ def findings(data: ReportData) -> Context:
     }
 
 
-def _picture_of_finding(data: ReportData, finding: Finding) -> Any:
-    """Draw the error of a finding's joint against its cause, before and after adding
-    effects.
+def _picture_of_finding(
+    data: ReportData, diagnosis: Diagnosis, finding: Finding
+) -> Any:
+    """Draw the error that the card of a finding is about, against its cause, before and
+    after adding effects.
 
     "" for a finding whose torque is not certain.
     """
     if not finding.torque_is_certain:
         return ""
-    joint = finding.main_joint
+    joint, acting = diagnosis.offers.shown_of(finding)
     failures = data.failures[data.comparisons[0].name]
-    cause = words.shown_cause(finding, failures, joint)
-    return pieces.figure(_error_plot(data, joint, cause, finding), height=250)
+    cause = words.shown_cause(acting, failures, joint)
+    return pieces.figure(_error_plot(data, joint, cause, acting), height=250)
 
 
 def parameters(data: ReportData) -> Context:

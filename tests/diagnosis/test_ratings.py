@@ -35,6 +35,7 @@ from sdp_vs_penalty.render.words import (
     describe_advice,
     describe_diagnosis,
     errors_that_rise,
+    parts_of,
 )
 from sdp_vs_penalty.results import Certainty
 from sdp_vs_penalty.signals import REPETITION
@@ -318,6 +319,50 @@ def test_nothing_is_advised_where_all_that_was_found_raises_an_error():
     assert helped.offers.choices == (helped.offers.main,)
 
 
+def test_what_lowers_no_error_is_not_counted_among_what_helps():
+    """It was one of "the 5 that help": confident, while adding it changed nothing. Where
+    the others do worse without it, it helps beside them and is counted."""
+    before = np.full(7, 3.0)
+    one, two, idle = (finding("backlash", joint) for joint in (1, 2, 3))
+    errors = {(x.text,): before - 2.0 * np.eye(7)[j] for j, x in enumerate((one, two))}
+    errors[(idle.text,)] = before
+    found = diagnosis(one, two, idle, before=3.0).with_errors(errors)
+    assert found.offers.selections_of_shown == [(one, two)]
+    without = before - 2.0 * (np.eye(7)[0] + np.eye(7)[1])
+    texts = tuple(x.text for x in found.helpful)
+    errors |= {texts: without, texts[:2]: without}
+    counted = found.with_errors(errors)
+    assert counted.offers.helping == (one, two)
+    assert counted.offers.main.change.arguments["effects"] == [one.text, two.text]
+    assert counted.offers.main.change.arguments["findings"] == [1, 2]
+    assert main_cause(counted) == (
+        "Joint 1 errs: backlash (confident); also backlash on joint 2."
+    )
+    needed = found.with_errors({**errors, texts: 0.9 * without})
+    assert needed.offers.helping == needed.helpful
+    assert needed.offers.main.change.arguments["findings"] == "helpful"
+
+
+def test_each_that_an_offer_counts_is_listed_once():
+    """Its joint, its name, what it does, and how sure it is."""
+    tie = finding("joint_spring", 1, "backlash")
+    found = diagnosis(tie, finding("backlash", 2), before=3.0)
+    shape = ShapeEstimate("coulomb_friction", 3, "v_s", 0.01, 0.02)
+    fall = {"rmse_before": 0.2, "rmse_after": 0.1, "explanation": "it is wider"}
+    found = replace(found, retuned=(Retune(**vars(shape), **fall),))
+    (everything,) = (
+        x for x in found.offers if x.change.arguments.get("findings") == "helpful"
+    )
+    parts = parts_of(everything, found)
+    assert [part.title for part in parts] == [
+        "Backlash, joint 2",
+        "Joint spring, joint 1",
+        "Coulomb friction, joint 3: v_s",
+    ]
+    assert parts[0].gain.startswith("joint 2's error: 3 → 1 ")
+    assert [part.rating for part in parts] == ["confident", "near-tie", "confident"]
+
+
 def test_what_is_sure_is_added_together():
     """Where its errors were computed; what may be another effect is left, and is in what
     helps."""
@@ -394,6 +439,13 @@ def test_what_helps_beside_another_one_alone_says_which():
     assert (pair.title, pair.is_mutual) == ("Stiction on joints 1 and 3", False)
     assert pair.change.arguments["effects"] == [first.text, third.text]
     assert found.offers.pair_of(third) is None
+    assert found.offers.shown_of(third) == (3, third)
+    # The card shows the joint that its number is of, against what acts there.
+    there = before - np.eye(7)[2] - 0.5 * np.eye(7)[2]
+    both = pairs | {(first.text, third.text): there}
+    elsewhere = found.with_errors(alone | both)
+    assert elsewhere.offers.pair_of(first).joint == 3
+    assert elsewhere.offers.shown_of(first) == (3, third)
     assert helped_by(found, first) in words.gain
 
 

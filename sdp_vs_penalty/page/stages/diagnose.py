@@ -40,6 +40,7 @@ from sdp_vs_penalty.render.words import (
     FindingWords,
     describe_diagnosis,
     describe_files,
+    parts_of,
     plain_name,
     weak_title,
 )
@@ -116,6 +117,8 @@ def findings(view: View) -> None:
         )
     else:
         words = describe_diagnosis(diagnosis, session.torque_units)
+        if session.findings_of_current is not None:
+            _parts(diagnosis)
         _cards(view, diagnosis, words)
         _open_before(view, diagnosis)
         _curves(view, diagnosis, words)
@@ -148,6 +151,25 @@ def _unexplained(view: View) -> None:
     drawn, title = failing_chart(session, run)
     draw.tag("h4", f"{title}, in {run}")
     draw.chart(drawn, title)
+
+
+def _parts(diagnosis: Diagnosis) -> None:
+    """Draw what each choice adds that counts several: each once, with what it does to the
+    error, and how sure it is."""
+    for k, offer in enumerate(diagnosis.offers.choices):
+        parts = parts_of(offer, diagnosis)
+        if len(parts) < 2:
+            continue
+        what = formatting.sentence(offer.change.words.removeprefix("add "))
+        with (
+            draw.details(f"{what}: what each does", f"parts-{k}", on=k == 0),
+            draw.tag("ol", style="findings"),
+        ):
+            for part in parts:
+                with draw.tag("li", style="row"):
+                    draw.tag("strong", part.title)
+                    draw.tag("span", part.badge, f"badge {part.rating}")
+                    draw.tag("span", part.gain, "soft")
 
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
@@ -258,7 +280,7 @@ def _card(
                 draw.note(meaning)
             if pair is not None:
                 draw.note(_other_of_pair(diagnosis, described, pair))
-            _picture(session, finding)
+            _picture(session, diagnosis, finding)
             draw.tag("h5", "Evidence")
             with draw.tag("ul", style="evidence"):
                 for sentence, speaks_for_it in words.evidence:
@@ -270,7 +292,9 @@ def _card(
                     draw.note(words.physics)
                     if words.constants:
                         draw.note(f"Its constants: {words.constants}.")
-        _adding(session, texts, change.to_dict(), f"add-{k}", f"Add {name}")
+        helps = finding in diagnosis.offers.helping or not finding.torque_is_certain
+        word = "Add" if helps else "Add anyway"
+        _adding(session, texts, change.to_dict(), f"add-{k}", f"{word} {name}", word)
 
 
 def _other_of_pair(diagnosis: Diagnosis, described: DiagnosisWords, pair: Pair) -> str:
@@ -301,11 +325,13 @@ def _head(
     return unfolded
 
 
-def _picture(session: Session, found: Finding | Retune) -> None:
-    """Draw the error that a finding, or a constant to re-estimate, explains."""
-    drawn = finding_chart(session, found)
+def _picture(session: Session, diagnosis: Diagnosis, found: Finding | Retune) -> None:
+    """Draw the error that a finding, or a constant to re-estimate, explains; or a pair."""
+    drawn = finding_chart(session, diagnosis, found)
     if drawn is not None:
-        draw.chart(drawn, f"Error that {found.title} explains, against its cause")
+        pair = diagnosis.offers.pair_of(found)
+        title = found.title if pair is None else pair.title
+        draw.chart(drawn, f"Error that {title} explains, against its cause")
         draw.note("Added: by how much the model changes, all its numbers fitted again.")
 
 
@@ -327,11 +353,13 @@ def _adding(
     change: Mapping[str, Any],
     key: str,
     label: str,
+    word: str = "Add",
 ) -> None:
     """Draw the button that adds what a card holds, or the remark that it was added.
 
     texts : its effects as `add` writes them; change : what adds them; key : by which
-    focus finds the button again; label : what it adds, for screen readers.
+    focus finds the button again; label : what it adds, for screen readers; word : what
+    the button says.
     """
     if session.added.issuperset(texts):
         draw.tag("p", "✓ Added", "chosen")
@@ -339,7 +367,7 @@ def _adding(
         draw.note("The model has it, of another size: identify it again.")
     else:
         add = partial(session.start, session.apply, change)
-        draw.button("Add", add, key, aria_label=label)
+        draw.button(word, add, key, aria_label=label)
 
 
 def _constant(
@@ -354,7 +382,7 @@ def _constant(
     with draw.tag("li", style="card finding-card"):
         gain = "" if session.added.issuperset(texts) else words.brief_gain
         with _head(name, f"card-constant-{k}", False, words, gain):
-            _picture(session, constant)
+            _picture(session, diagnosis, constant)
             draw.tag("p", words.physics)
             if pair is not None:
                 draw.note(_other_of_pair(diagnosis, described, pair))
