@@ -53,7 +53,7 @@ from sdp_vs_penalty.page.project import TrialOutcome, TriedRemedy
 from sdp_vs_penalty.page.unit_form import NAME_UNIT
 from sdp_vs_penalty.page.view import changes_of_data_in_words, checked
 from sdp_vs_penalty.render.diagnosis_words import gain_sentence
-from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy
+from sdp_vs_penalty.render.words import describe_diagnosis, describe_remedy, parts_of
 from sdp_vs_penalty.results import Certainty, Change, Remedy
 from sdp_vs_penalty.robot.robot import joint_limits
 from sdp_vs_penalty.signals.runs import sample_rate
@@ -1136,6 +1136,34 @@ def test_what_a_good_model_leaves_is_said_in_sentences(identified):
     diagnosis = s.findings_of_current
     step = _to_add(Screen(s).view, diagnosis, next_remedy(diagnosis.remedies), "good")
     assert re.match(r"Good already[.] Some error is left[.] [A-Z][^.]*[.]", step.text)
+
+
+def with_errors_of_findings(session, factor):
+    """What was found, as if each selection of it changed each error by a factor."""
+    found = session.findings_of_current
+    errors = {x.effects: factor * found.held_out_rmse_before for x in found.errors_with}
+    session.history[-1] = replace(session.current, findings=found.with_errors(errors))
+
+
+def test_what_is_offered_is_listed_and_what_raises_all_errors_is_no_button(identified):
+    """The primary button advised what raised four errors."""
+    s = identified
+    do(s, s.diagnose)
+    screen = Screen(s)
+    offer = s.findings_of_current.offers.main
+    assert offer is not None
+    parts = parts_of(offer, s.findings_of_current)
+    assert ("parts-0" in screen.keys) == (len(parts) > 1)
+    for part in parts:
+        assert part.title in screen.text("findings")
+        assert part.gain in screen.text("findings")
+    with_errors_of_findings(s, 3.0)
+    screen = Screen(s)
+    assert s.findings_of_current.offers.main is None
+    assert "Nothing found is advised to be added" in screen.text("next")
+    assert "+200 %" in screen.text("next")
+    labels = [choice.label for choice in next_step(screen.view).choices]
+    assert not any(re.match("(Or a|A)dd (?!the measured curve)", x) for x in labels)
 
 
 @pytest.mark.parametrize(
