@@ -232,7 +232,10 @@ class PartOfOffer:
 def parts_of(offer: Remedy, diagnosis: Diagnosis) -> list[PartOfOffer]:
     """List what an offer adds, each once, in the order of reading; the constants last."""
     texts = offer.change.arguments["effects"]
-    found = [*diagnosis.offers.in_order_of_reading, *diagnosis.retuned]
+    found: list[Finding | Retune] = [
+        *diagnosis.offers.in_order_of_reading,
+        *diagnosis.retuned,
+    ]
     return [
         PartOfOffer(x.title, _gain_of_part(x, diagnosis), x.badge, x.rating)
         for x in found
