@@ -402,8 +402,10 @@ def _of_model(view: View) -> NextStep:
         text = _sentences(of_model.word, said, harm)
         known["more"] = _sentences(what_may_help, why, more)
         known["number"] = f"{headline} Measured {measured_on(session)}."
-        log_is_in_doubt = any(x.about == LOG for x in session.current.verdict.lines)
-        if in_doubt or (harm and log_is_in_doubt):  # a repair comes first
+        lines = session.current.verdict.lines
+        may_be_the_log = any(x.about == LOG for x in lines)
+        may_be_the_log &= not session.is_unit_left_open  # that question was answered
+        if in_doubt or (harm and may_be_the_log):  # a repair comes first
             step, other = _settle_doubt(session), _report(view)
             if session.is_unit_left_open:  # that question was answered
                 step, other = _use_as_it_is(view), _name_unit(session)
