@@ -29,7 +29,7 @@ from sdp_vs_penalty.effects import make_effect, standard_effect
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot, require_known
-from sdp_vs_penalty.estimation.constants import SHAPE_FOLDS
+from sdp_vs_penalty.estimation.constants import CHANGES, MAX_PASSES, SHAPE_FOLDS
 from sdp_vs_penalty.estimation.known_load import (
     KnownLoads,
     gains_from_loads,
@@ -50,6 +50,7 @@ from sdp_vs_penalty.estimators.estimator import (
     Task,
     make_task,
     no_progress,
+    residual_variances,
     sample_variance,
 )
 from sdp_vs_penalty.parallel import ALONE, Workers
@@ -62,7 +63,7 @@ from sdp_vs_penalty.regression.black_box import (
 )
 from sdp_vs_penalty.regression.instruments import commanded_motion
 from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.inertia import link_sizes
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -303,11 +304,9 @@ def _pose_linear(
     report : fields of the EstimationProblem.
     """
     compressed = partial(in_columns, runs, workers=options.workers)
-    model = with_reference(
+    model, regression = with_reference(
         problem, model, compressed, options.weighting, options.progress
     )
-    options.progress("compressing the measurements")
-    regression = compressed(model)
     task = make_task(
         problem, model, regression, options.weighting, options.seed, options.progress
     )
@@ -583,13 +582,16 @@ def with_reference(
     compressed: Callable[[Model], Regression],
     weighting: str,
     progress: Progress = no_progress,
-) -> Model:
-    """Return the model with its reference: the current model's parameters (p,).
+) -> tuple[Model, Regression]:
+    """Return the model with its reference, the current model's parameters (p,), and the
+    training data in its columns.
 
     The columns of torque-dependent effects are computed with the torque and the links of
-    the current model. Two passes of least squares find it: the first without these
-    effects, the second with all effects. It then holds the parameters of all effects
-    but those of the torque channels. A model without such effects is returned as it is.
+    the current model. Passes of least squares find it: the first without these effects,
+    the others with all effects and the parameters of the pass before, until these are its
+    own: with its own as the reference no joint's error would change by more than CHANGES.
+    The reference holds the parameters of all effects but those of the torque channels. A
+    model without such effects is returned as it is.
 
     Parameters
     ----------
@@ -603,21 +605,51 @@ def with_reference(
         Receives a line of text at each pass.
     """
     if not model.needs_reference:
-        return model
+        progress("compressing the measurements")
+        return model, compressed(model)
 
-    def least_squares_of(part: Model, number: int) -> Array:
-        """Fit the parameters of a model with some or all of the effects."""
-        progress(f"the current model, pass {number} of 2")
-        task = make_task(
-            problem, model=part, regression=compressed(part), weighting=weighting
-        )
-        return _near_the_file(task, problem)
+    def least_squares_of(part: Model, number: int) -> tuple[Regression, Array]:
+        """Fit a model with some or all of the effects; return its data and parameters."""
+        progress(f"the current model, pass {number}")
+        data = compressed(part)
+        task = make_task(problem, part, data, weighting)
+        return data, _near_the_file(task, problem)
 
     first_part = model.reference_free
-    reference = np.zeros(len(model.parameters))
-    reference[model.places(first_part)] = least_squares_of(first_part, 1)
-    theta = least_squares_of(replace(model, reference=reference), 2)
+    theta = np.zeros(len(model.parameters))
+    _, theta[model.places(first_part)] = least_squares_of(first_part, 1)
     kept = model.places(model.before_channels)
-    reference = np.zeros(len(theta))
-    reference[kept] = theta[kept]
-    return replace(model, reference=reference)
+    error = np.inf
+    for number in range(2, MAX_PASSES + 1):
+        reference = np.zeros(len(theta))
+        reference[kept] = theta[kept]
+        model = replace(model, reference=reference)
+        regression, theta = least_squares_of(model, number)
+        before, error = error, _error_of_reference(model, regression, theta)
+        # The first reference knows nothing of these effects, and its errors are larger.
+        is_own = number > 2 and error < CHANGES
+        does_not_converge = number > 3 and error >= before
+        if is_own or does_not_converge:
+            break
+    return model, regression
+
+
+def _error_of_reference(model: Model, regression: Regression, theta: Array) -> float:
+    """Return the largest share by which a joint's error may change if the parameters theta
+    (p,) of a fit become its reference.
+
+    A joint's torque-dependent columns are taken to change by the same share as the torque
+    of its other effects, which is exact for a gain.
+    """
+    is_reference_free = np.zeros(len(theta), bool)
+    is_reference_free[model.places(model.reference_free)] = True
+    reference = model.reference
+    assert reference is not None  # :func:`with_reference` has set it
+    free = np.where(is_reference_free, theta, 0.0)
+    change = np.where(is_reference_free, theta - reference, 0.0)
+    torque, changed, dependent = (
+        regression.torque_norms(x) for x in (free, change, theta - free)
+    )
+    of_columns = (dependent * changed / nonzero_or_one(torque)) ** 2
+    of_residuals = residual_variances(regression, theta) * regression.joint_rows()
+    return float(np.sqrt(1.0 + np.max(of_columns / nonzero_or_one(of_residuals))) - 1.0)

@@ -34,6 +34,9 @@ ROUNDING = 1e-9
 #: something explains, or of rows outside of a measured curve, before it is said,
 #: coloured or counted [-].
 CHANGES = 0.05
+#: Most passes of least squares for the current model of torque-dependent effects [-]. Each
+#: leaves a share of the error before that is as large as the gain is off.
+MAX_PASSES = 10
 
 #: Steps of central differences, in states (rad, rad/s, rad/s^2) and in scales of shape
 #: constants, where truncation and rounding cost the same (Press et al., Numerical

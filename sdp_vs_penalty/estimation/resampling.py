@@ -475,7 +475,9 @@ class Split:
         shapes = estimate_shapes(model, self.runs, self.weighting, training)
         if any(shape.after != shape.before for shape in shapes):
             model = replace(model, effects=with_shapes(model.effects, shapes))
-        return with_reference(self.problem, model, compressed, self.weighting)
+        if model.needs_reference:
+            model, _ = with_reference(self.problem, model, compressed, self.weighting)
+        return model
 
 
 def _require_long_folds(folds: int, runs: FilteredRuns) -> None:

@@ -470,19 +470,23 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
     -------
     (n,) array
         Factor of each joint's rows; sigma is the root mean square of all sigma_j.
+    """
+    variance = residual_variances(regression, theta)
+    if not np.any(variance > 0.0):
+        return np.ones(len(variance))
+    variance = np.maximum(variance, 1e-12 * variance.max())
+    return np.sqrt(variance.mean() / variance)
 
-    Notes
-    -----
-    A residual below 1e-6 of a joint's torque counts as that much, so that noise-free
-    data are not weighted by rounding.
+
+def residual_variances(regression: Regression, theta: Array) -> Array:
+    """Return the mean squares (n,) of the joints' residuals with theta (p,) [SI].
+
+    A residual below 1e-6 of a joint's torque counts as that much, so that noise-free data
+    are not judged by rounding.
     """
     rows = np.maximum(regression.joint_rows(), 1)
     torque = regression.column_norms()[:, -1]
-    variance = np.maximum(regression.joint_losses(theta), 1e-12 * torque**2) / rows
-    if not np.any(variance > 0.0):
-        return np.ones(len(rows))
-    variance = np.maximum(variance, 1e-12 * variance.max())
-    return np.sqrt(variance.mean() / variance)
+    return np.maximum(regression.joint_losses(theta), 1e-12 * torque**2) / rows
 
 
 def with_joint_prior(task: Task, weight: float) -> Task:

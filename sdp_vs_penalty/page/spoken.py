@@ -99,7 +99,7 @@ _STEPS = (
     (r"^compressing the measurements", "reading the motion"),
     (r"shape constants", "how friction turns round"),
     (r"^held-out errors", "testing what was found on data left out"),
-    (r"^the current model, pass (\d+) of (\d+)", r"fitting again, \1 of \2"),
+    (r"^the current model, pass (\d+)", r"fitting again, pass \1"),
 )
 
 

@@ -13,9 +13,9 @@ from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import Preprocessing
 
 
-def small_run(problem, seconds=6.0, seed=0, rate=100.0, reach=1.0):
+def small_run(problem, seconds=6.0, seed=0, rate=100.0, reach=1.0, noise=0.05):
     """A run of sums of sines by the problem's nominal robot with some friction and
-    noise; reach : factor of the amplitudes."""
+    noise; reach : factor of the amplitudes; noise : its standard deviation [N m]."""
     rng = np.random.default_rng(seed)
     n = problem.robot.n
     t = np.arange(0.0, seconds, 1.0 / rate)
@@ -31,7 +31,7 @@ def small_run(problem, seconds=6.0, seed=0, rate=100.0, reach=1.0):
     theta = problem.nominal(model)
     theta[len(model.rigid_indices) :] = 0.5
     tau = model.torque(theta, Motion(t, q, dq, ddq))
-    return Measurements(t, q, tau + 0.05 * rng.normal(size=tau.shape), dq)
+    return Measurements(t, q, tau + noise * rng.normal(size=tau.shape), dq)
 
 
 def thinned(made, step=10):
