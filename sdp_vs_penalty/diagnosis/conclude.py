@@ -25,7 +25,13 @@ from sdp_vs_penalty.diagnosis.curves.measure import Measured
 from sdp_vs_penalty.diagnosis.diagnosis_data import Remaining
 from sdp_vs_penalty.diagnosis.doubts import Doubt
 from sdp_vs_penalty.diagnosis.explanation import Explanation, Ladder
-from sdp_vs_penalty.diagnosis.finding import Finding, Retune, effect_on, main_joint_of
+from sdp_vs_penalty.diagnosis.finding import (
+    Finding,
+    Retune,
+    effect_on,
+    main_joint_of,
+    other_names_of_law,
+)
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.notices import find_notices
@@ -306,6 +312,14 @@ def describe_finding(judged: Judged, doubts: Sequence[Doubt]) -> Finding:
     joints = () if effect.whole_robot else tuple(j + 1 for j in effect.joints)
     rivals = [_rival_of(effect, r.form.effect) for r in term.rivals]
     rivals += [effect_on(name, joints) for name in judged.resembles]
+    known_names = {effect.name, *other_names_of_law(effect.name, effect.shape)}
+    rivals += [
+        effect_on(name, joints)
+        for rival in term.rivals
+        if rival.form.effect.joints == effect.joints
+        for name in other_names_of_law(rival.form.effect.name, rival.form.effect.shape)
+        if name not in known_names
+    ]
     first = dict[str, WrittenEffect]()  # of those that sentences say alike
     for rival in rivals:
         is_other = rival.name != effect.name

@@ -106,13 +106,18 @@ def is_law_of(name: str, other: str) -> bool:
     effect.
 
     They are if the names are equal, or if one effect declares that it refines the
-    other, as Stribeck friction refines Coulomb friction, or has the same law.
+    other, as Stribeck friction refines Coulomb friction, or has the same law; or if that
+    holds for other names of their laws.
     """
-    if name == other:
-        return True
     types = effect_types()
-    refines = name in types[other].refines or other in types[name].refines
-    return refines or bool(travel_of_law(name, other))
+    names, others = (
+        [x for x in types if x == law or travel_of_law(x, law)] for law in (name, other)
+    )
+    return name == other or any(
+        x == y or x in types[y].refines or y in types[x].refines
+        for x in names
+        for y in others
+    )
 
 
 def travel_of_law(name: str, other: str) -> str:
@@ -121,6 +126,19 @@ def travel_of_law(name: str, other: str) -> str:
     types = effect_types()
     there = types[other].same_law_as.get(name, "")
     return types[name].same_law_as.get(other, there)
+
+
+def other_names_of_law(name: str, shape: Mapping[str, float]) -> list[str]:
+    """Return the other names that the law of an effect has over its travel: the effects
+    with the same law whose bounds hold that, as stiction those of a short travel."""
+    types = effect_types()
+    names = list[str]()
+    for other, kind in types.items() if name in types else ():
+        travel = travel_of_law(name, other)
+        if travel in shape:
+            low, high = kind.shapes[travel].bounds or (0.0, np.inf)
+            names += [other] * (low <= shape[travel] <= high)
+    return names
 
 
 def effect_on(name: str, joints: Sequence[int]) -> WrittenEffect:
@@ -324,19 +342,13 @@ class Finding(Rated):
         """The name that the law has over another travel, such as "or stiction: the same
         law over a shorter travel"; "" where the travel found is outside its bounds."""
         types = effect_types()
-        if self.effect not in types:
-            return ""
-        kind = types[self.effect]
-        for name, other in types.items():
+        for name in other_names_of_law(self.effect, self.shape):
             travel = travel_of_law(self.effect, name)
-            if travel not in self.shape:
-                continue
-            constants = kind.shapes[travel], other.shapes[travel]
-            low, high = constants[1].bounds or (0.0, np.inf)
-            if low <= self.shape[travel] <= high:
-                is_shorter = constants[1].default < constants[0].default
-                length = "shorter" if is_shorter else "longer"
-                return f"or {effect_name(name)}: the same law over a {length} travel"
+            default, other = (
+                types[x].shapes[travel].default for x in (self.effect, name)
+            )
+            length = "shorter" if other < default else "longer"
+            return f"or {effect_name(name)}: the same law over a {length} travel"
         return ""
 
     @property
@@ -383,7 +395,24 @@ class Finding(Rated):
     @property
     def says_open_law(self) -> bool:
         """Whether :attr:`on_the_arm` says a torque alone, and the laws that may make it."""
-        return bool(self.rivals) and self.says_torque
+        is_open = self.size_may_be_zero or bool(self.family_in_words)
+        return bool(self.rivals) and is_open and self._torque_is_known
+
+    @property
+    def family_in_words(self) -> str:
+        """What is certain where the laws that fit as well are all those of friction at
+        reversals: "joint 4 sticks or gives way at reversals"; else ""."""
+        types = effect_types()
+        names = [self.effect, *(rival.name for rival in self.rivals)]
+        are_at_reversals = all(
+            name in types
+            and types[name].seen_against == "reversal"
+            and is_law_of(name, self.effect)
+            for name in names
+        )
+        if len(names) == 1 or self.fits_a_curve or not are_at_reversals:
+            return ""
+        return f"joint {self.main_joint} sticks or gives way at reversals"
 
     @property
     def size_is_open(self) -> bool:
@@ -405,6 +434,12 @@ class Finding(Rated):
     @property
     def on_the_arm(self) -> str:
         """A sentence on what the effect is mechanically on the arm, with its size."""
+        names = [self.effect, *other_names_of_law(self.effect, self.shape)]
+        rivals = [written_in_words(x) for x in self.short_rivals]
+        laws = [*dict.fromkeys([*map(effect_name, names), *rivals])]
+        open_law = f"; which law makes it is open: {', '.join(laws[:-1])} or {laws[-1]}"
+        if self.family_in_words and self.says_open_law:
+            return f"{ON_THE_ARM}{self.family_in_words}, {self.torque_text}{open_law}."
         if self.size_may_be_zero:
             if not self._torque_is_known:
                 return f"{ON_THE_ARM}these runs do not tell its size from zero."
@@ -413,10 +448,6 @@ class Finding(Rated):
             if self.seen_against == "reversal":
                 when = f"at each reversal{where}"
             text = f"{ON_THE_ARM}a torque {when}, {self.torque_text}"
-            laws = [effect_name(self.effect), *map(written_in_words, self.short_rivals)]
-            open_law = (
-                f"; which law makes it is open: {', '.join(laws[:-1])} or {laws[-1]}"
-            )
             return f"{text}{open_law * self.says_open_law}."
         fitted = FittedEffect(
             name=self.effect,
@@ -454,6 +485,8 @@ class Finding(Rated):
         text = f"{head}. {self.physics}"
         if self.same_law_in_words:
             text += f" {formatting.sentence(self.same_law_in_words)}."
+        if self.family_in_words:
+            text += f" {formatting.sentence(self.family_in_words)}."
         if self.rivals:
             named = ", ".join(map(written_in_words, self.short_rivals))
             text += f" Indistinguishable in these data from {named}."

@@ -449,6 +449,22 @@ def test_what_helps_beside_another_one_alone_says_which():
     assert helped_by(found, first) in words.gain
 
 
+def test_laws_of_friction_at_reversals_are_said_as_a_family():
+    """Hidden stiction was called Maxwell slip that builds up from 0.0037 degrees on."""
+    torque = {"torque_rms": 1.13, "torque_std": 0.05, "torque_unit": "N*m"}
+    laws = "presliding_hysteresis", "stiction"
+    found = finding("maxwell_slip", 4, *laws, shape={"d": 6e-5}, std=0.01, **torque)
+    family = "joint 4 sticks or gives way at reversals"
+    assert found.on_the_arm == (
+        f"On the arm: {family}, 1.13 ± 0.098 N m RMS over these runs; which law makes it is"
+        " open: Maxwell slip, pre-sliding hysteresis or stiction."
+    )
+    assert family in found.explanation.replace("Joint", "joint")
+    assert found.effect_is_certain
+    other = finding("maxwell_slip", 4, "joint_spring", shape={"d": 6e-5}, **torque)
+    assert not other.family_in_words
+
+
 @pytest.mark.parametrize(
     ("effect", "travel", "words"),
     [
@@ -894,7 +910,7 @@ def test_of_a_torque_that_is_known_a_card_says_once_which_laws_may_make_it():
     )
     (words,) = describe_diagnosis(diagnosis(found), ["N m"] * 7).findings
     assert words.on_the_arm.endswith(
-        "a torque at each reversal of joint 2, 0.2 ± 0.02 N m RMS over these runs; which law"
+        "joint 2 sticks or gives way at reversals, 0.2 ± 0.02 N m RMS over these runs; which law"
         " makes it is open: pre-sliding hysteresis or Maxwell slip."
     )
     evidence = [text for text, _ in words.evidence]
