@@ -224,9 +224,8 @@ class PartOfOffer:
     title: str
     #: What it does to the error by itself, or beside which other one.
     gain: str
-    #: How sure it is, in a word, and its rating.
+    #: How sure it is, in a word.
     badge: str
-    rating: str
 
 
 def parts_of(offer: Remedy, diagnosis: Diagnosis) -> list[PartOfOffer]:
@@ -237,7 +236,7 @@ def parts_of(offer: Remedy, diagnosis: Diagnosis) -> list[PartOfOffer]:
         *diagnosis.retuned,
     ]
     return [
-        PartOfOffer(x.title, _gain_of_part(x, diagnosis), x.badge, x.rating)
+        PartOfOffer(x.title, _gain_of_part(x, diagnosis), x.badge)
         for x in found
         if x.text in texts
     ]

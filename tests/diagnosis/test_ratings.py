@@ -360,7 +360,7 @@ def test_each_that_an_offer_counts_is_listed_once():
         "Coulomb friction, joint 3: v_s",
     ]
     assert parts[0].gain.startswith("joint 2's error: 3 → 1 ")
-    assert [part.rating for part in parts] == ["confident", "near-tie", "confident"]
+    assert [part.badge for part in parts] == ["confident", "near-tie", "confident"]
 
 
 def test_what_is_sure_is_added_together():

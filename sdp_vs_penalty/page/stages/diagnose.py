@@ -168,7 +168,7 @@ def _parts(diagnosis: Diagnosis) -> None:
             for part in parts:
                 with draw.tag("li", style="row"):
                     draw.tag("strong", part.title)
-                    draw.tag("span", part.badge, f"badge {part.rating}")
+                    draw.tag("span", part.badge, "badge good")
                     draw.tag("span", part.gain, "soft")
 
 
