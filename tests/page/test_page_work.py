@@ -1760,7 +1760,7 @@ def test_a_file_says_what_it_is_worth_and_a_model_is_made_for_it(identified):
     assert diagnosed.findings.headline not in of_file
     assert record["loss"].replace("→", "->") in of_file
     assert record["losses"] in diagnosed.lesser_files(["robot.urdf"])
-    assert "joint 1 errs more: " in Screen(s).text("take-away")
+    assert f"errs more: {record['losses']}." in Screen(s).text("take-away")
     good = {"size": 0.0, "error": "within noise"}
     poor = replace(model, factory=good, errors={**model.errors, "size": 1.0})
     s.history = [*s.history[:-1], poor]

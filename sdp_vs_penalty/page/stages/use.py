@@ -135,11 +135,14 @@ def _lacking(name: str, record: dict[str, Any], worse: str) -> None:
     if laws := record.get("in_place"):
         how = f"{how}, with {laws} in place"
     # Records of older versions do not say which joints err more.
-    loss = record.get("loss", record["worst"]).rpartition("leaves out, ")[2]
-    text = f"{how}: {loss[:1].lower()}{loss[1:]}"
-    draw.tag("p", with_whole_amounts(f"{text} {worse}".rstrip()), "worst")
+    loss = record["worst"]
+    if "losses" in record:
+        losses = record["losses"]
+        loss = f"errs more: {losses}." if losses else "no joint errs more."
+    draw.tag("p", with_whole_amounts(f"{how}: {loss} {worse}".rstrip()), "worst")
     with draw.details("What it cannot hold", f"lacks-{name}"):
         draw.note(f"{formatting.sentence(record['lost'])}.")
+        draw.note(with_whole_amounts(record.get("loss", "")))
 
 
 @requires_model("forward", "Run forward", lambda s: s.answer("forward"))
