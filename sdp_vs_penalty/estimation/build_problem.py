@@ -380,8 +380,7 @@ def _pose_torque_log(
     # 3. Instruments: commands, which are free of the sensors' noise, give the motion.
     if options.instruments == "command":
         runs = FilteredRuns.filtering(commanded_motion(log), runs.settings)
-        if not options.known_loads:
-            found["recipe"] = options.recipe()
+        found["recipe"] = options.recipe()
     # 4. Runs with known loads determine the gains of the torque channels.
     if options.known_loads:
         options.progress("determining the gains from the known loads")

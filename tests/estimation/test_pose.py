@@ -4,6 +4,7 @@ solves."""
 import json
 import shutil
 from dataclasses import fields, replace
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from unchecked import identify
 
 from sdp_vs_penalty import load_estimate, load_measurements
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis.held_out import fitted_parameters
 from sdp_vs_penalty.estimation import PoseOptions
 from sdp_vs_penalty.estimation.proofs import posed_again, verify_proof_file
 from sdp_vs_penalty.exporters.sdp import SDPA_METHOD, write_posed
@@ -166,6 +168,35 @@ def test_an_option_out_of_range_is_refused_in_a_sentence(option, two_link):
     refusal(lambda: identify(two_link, run, **{option: value_of(run)}), word)
 
 
+def check_that_the_proof_is_accepted(problem, run, options, folder):
+    """Identify with a proof, which the model of the file accepts on the file of the run;
+    both models."""
+    proof = folder / "proof.json"
+    model = identify(problem, run, **options, proof=proof)
+    model.save(folder / "model.json")
+    kept = load_estimate(folder / "model.json")
+    save(run, folder / "run.csv")
+    is_accepted, sentence = verify_proof_file(proof, kept, folder / "run.csv")
+    assert is_accepted, sentence
+    return model, kept
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        pytest.param(x, marks=() if "known_loads" in x else pytest.mark.long)
+        for x in combinations(sorted({*CHOICES} - {"workers", "progress"}), 2)
+    ],
+    ids="+".join,
+)
+def test_two_options_together_are_proved_from_the_file(pair, two_link, tmp_path):
+    run = _commanded_run(two_link)
+    options = {name: CHOICES[name] for name in pair}
+    if "known_loads" in options:
+        options["known_loads"] = options["known_loads"](run)
+    check_that_the_proof_is_accepted(two_link, run, options, tmp_path)
+
+
 @pytest.mark.parametrize("option", CHOICES)
 def test_what_identify_minimised_is_posed_again_from_the_file(
     option, two_link, tmp_path
@@ -175,13 +206,9 @@ def test_what_identify_minimised_is_posed_again_from_the_file(
     run = _commanded_run(two_link)
     value = CHOICES[option]
     value = value(run) if option == "known_loads" else value
-    proof = tmp_path / "proof.json"
-    model = identify(two_link, run, **{option: value}, proof=proof)
-    model.save(tmp_path / "model.json")
-    kept = load_estimate(tmp_path / "model.json")
-    save(run, tmp_path / "run.csv")
-    is_accepted, sentence = verify_proof_file(proof, kept, tmp_path / "run.csv")
-    assert is_accepted, sentence
+    model, kept = check_that_the_proof_is_accepted(
+        two_link, run, {option: value}, tmp_path
+    )
     posed = posed_again(kept, run)
     assert posed is not None
     assert posed.task.data.loss(kept.theta) == pytest.approx(model.certificate.loss)
@@ -191,5 +218,9 @@ def test_what_identify_minimised_is_posed_again_from_the_file(
     assert_allclose(posed.task.bound, before.task.bound)
     assert_allclose(posed.gain_errors, before.gain_errors)
     assert posed.task.model.known == before.task.model.known
+    # A diagnosis fits the model anew to some of its rows; to all of them it is the same.
+    rows = [before.regression]
+    (theta,) = fitted_parameters(model, model.model.effects, (), rows, frozen=False)
+    assert_allclose(theta, model.theta, rtol=0.0, atol=1e-9)
     convex, again = (kept.estimator.posed(x.task) for x in (before, posed))
     assert again.entropy.weight == pytest.approx(convex.entropy.weight)
