@@ -15,11 +15,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 
 from sdp_vs_penalty.effects import make_effect, parse_effects
-from sdp_vs_penalty.effects.effect import Effect, EffectEntry, JointCoverage
+from sdp_vs_penalty.effects.effect import (
+    Effect,
+    EffectEntry,
+    JointCoverage,
+    SimulatorField,
+)
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.effects.motion import Command, CurrentModel, Motion
 from sdp_vs_penalty.errors import InputError
@@ -514,6 +520,8 @@ def check_simulator_fields(kind: type[Effect], forms: Forms) -> None:
         for theta in (np.zeros(count), np.ones(count))
     )
     demand(at_zeros == at_ones, "simulator_terms has other fields for parameters of 0")
+    unknown = ", ".join(sorted({*at_ones} - {*get_args(SimulatorField)}))
+    demand(not unknown, f"simulator_terms has fields that no file has: {unknown}")
 
 
 #: Each is asked of an effect's class and of the forms that are tried.
