@@ -47,8 +47,10 @@ class CellProducts:
         residual = fit.residual  # (n, M)
         products = []
         for rows in cells.rows:
-            # The rows of all joints in this cell, one joint below the other.
-            Z_c, Q_c = (x[:, rows].reshape(-1, x.shape[2]) for x in (Z, Q))
+            # The rows of all joints in this cell, one joint below the other. A fixed
+            # model has no columns: its Q_c is (size, 0).
+            size = len(Z) * len(rows)
+            Z_c, Q_c = (x[:, rows].reshape(size, x.shape[2]) for x in (Z, Q))
             r_c = residual[:, rows].ravel()
             products.append((Z_c.T @ Z_c, Q_c.T @ Z_c, Z_c.T @ r_c))
         grams, along_fit, with_residual = map(np.array, zip(*products, strict=True))
