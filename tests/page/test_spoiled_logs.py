@@ -39,7 +39,8 @@ def drop(page, urdf, runs):
     idle(page)
     page.set_input_files(key("drop-runs"), [str(path) for path in runs])
     page.wait_for_function(
-        "!/Choose/.test(document.querySelector('[data-key=next]').innerText)"
+        # None stands there while a repair is tried.
+        "!/^$|Choose/.test(document.querySelector('[data-key=next]')?.innerText ?? '')"
     )
     idle(page)
 
