@@ -24,8 +24,9 @@ def is_refused(run: Mapping[str, Any]) -> bool:
 
 def asks_for_unit(run: Mapping[str, Any]) -> bool:
     """Whether the check asks in which unit the torques of a run are, and nobody has
-    answered."""
-    return not run.get("stated") and any(map(is_unit_asked, run["findings"]))
+    answered: by a unit, or by a model without units."""
+    is_answered = run.get("stated") or run.get("torque_unit") == UNNAMED_UNIT
+    return not is_answered and any(map(is_unit_asked, run["findings"]))
 
 
 def is_unit_asked(issue: StoredIssue) -> bool:
